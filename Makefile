@@ -1,0 +1,45 @@
+# Everything from nothing: `make report` shows shadows of a mesh, `make test` runs the tests. Only Python ≥ 3.11 needed.
+.DEFAULT_GOAL := help
+SHELL := /bin/bash
+# The newest Python of 3.11 or later on the path; override with `make PYTHON=… …`.
+PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
+	"$$p" -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && { echo "$$p"; break; }; done)
+BIN := .venv/bin
+REPORT_ARGS ?=
+
+.PHONY: help install report test lint docs bench experiments clean
+
+help: ## list what can be made
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /  make \1\t/' | expand -t 22
+
+.venv/.installed: pyproject.toml constraints.txt
+	@test -n "$(PYTHON)" || { echo "no Python 3.11 or later found; install one or say make PYTHON=/path/to/python"; exit 2; }
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test,docs,dev]'
+	@touch $@
+
+install: .venv/.installed ## local environment in .venv
+
+report: .venv/.installed ## shadows of the default scene, compared with the exact answer → out/index.html
+	$(BIN)/shadowjax report $(REPORT_ARGS)
+
+test: .venv/.installed ## the whole suite
+	$(BIN)/python -m pytest
+
+lint: .venv/.installed ## ruff, pyright, import-linter
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+	$(BIN)/lint-imports
+
+docs: .venv/.installed ## the documentation site → docs/_build/html
+	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html
+
+bench: .venv/.installed ## benchmarks of this machine
+	$(BIN)/python -m pytest tests/benchmarks --benchmark-enable --benchmark-only -p no:xdist
+
+experiments: .venv/.installed ## every figure and table with its claims
+	$(BIN)/python -m experiments all
+
+clean: ## remove what make has made
+	rm -rf .venv docs/_build out .jax_cache .pytest_cache .ruff_cache

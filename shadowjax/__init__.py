@@ -1,0 +1,81 @@
+"""shadowjax: a differentiable, analytical reference for shadow maps on JAX."""
+
+from shadowjax._types import cast
+from shadowjax.filters.bias import Bias
+from shadowjax.filters.hard import Hard
+from shadowjax.filters.multi_depth import (
+    FixedNeighbour,
+    MultiDepth,
+    Neighbourhood,
+    Ring,
+    StochasticNeighbour,
+    composite_attenuation,
+    max_neighbour,
+    min_max_neighbours,
+    min_neighbour,
+    ring,
+)
+from shadowjax.filters.pcf import (
+    BilinearPercentageCloser,
+    PercentageCloser,
+    bilinear_percentage_closer,
+    percentage_closer,
+)
+from shadowjax.geometry.camera import Camera
+from shadowjax.geometry.light import DirectionalLight, PointLight, SpotLight
+from shadowjax.geometry.mesh import Mesh, load
+from shadowjax.geometry.scenes import SCENES, Scene
+from shadowjax.geometry.scenes import make as make_scene
+from shadowjax.maps.shadow_map import ShadowMap, build_shadow_map
+from shadowjax.rays.brute import BruteForce
+from shadowjax.rays.ray import Hit, Rays, intersect
+from shadowjax.rays.ray_grid import RayGrid, camera_grid
+from shadowjax.shading import Material, shade, trace_surface, visibility_on
+from shadowjax.techniques import TECHNIQUES, Exact, ShadowMapping, make_technique
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "SCENES",
+    "TECHNIQUES",
+    "Bias",
+    "BilinearPercentageCloser",
+    "BruteForce",
+    "Camera",
+    "DirectionalLight",
+    "Exact",
+    "FixedNeighbour",
+    "Hard",
+    "Hit",
+    "Material",
+    "Mesh",
+    "MultiDepth",
+    "Neighbourhood",
+    "PercentageCloser",
+    "PointLight",
+    "RayGrid",
+    "Rays",
+    "Ring",
+    "Scene",
+    "ShadowMap",
+    "ShadowMapping",
+    "SpotLight",
+    "StochasticNeighbour",
+    "bilinear_percentage_closer",
+    "build_shadow_map",
+    "camera_grid",
+    "cast",
+    "composite_attenuation",
+    "intersect",
+    "load",
+    "make_scene",
+    "make_technique",
+    "max_neighbour",
+    "min_max_neighbours",
+    "min_neighbour",
+    "percentage_closer",
+    "ring",
+    "shade",
+    "trace_surface",
+    "visibility_on",
+]

@@ -1,0 +1,59 @@
+"""Safe divide, norm and root (double-where, so that gradients stay finite), chunked maps and small helpers."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from shadowjax._types import Array, Float
+
+
+def safe_divide(
+    numerator: Float[Array, "..."], denominator: Float[Array, "..."], otherwise: float = 0.0
+) -> Float[Array, "..."]:
+    """numerator / denominator; `otherwise`, with zero gradient, where the denominator is 0."""
+    zero = denominator == 0
+    return jnp.where(zero, otherwise, numerator / jnp.where(zero, jnp.ones_like(denominator), denominator))
+
+
+def safe_sqrt(value: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Square root; 0, with zero gradient, where the value is not positive."""
+    positive = value > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, value, jnp.ones_like(value))), jnp.zeros_like(value))
+
+
+def norm(vector: Float[Array, "*batch d"], keepdims: bool = False) -> Float[Array, "..."]:
+    """Euclidean length over the last axis; its gradient at the zero vector is 0."""
+    return safe_sqrt(jnp.sum(vector * vector, axis=-1, keepdims=keepdims))
+
+
+def normalize(vector: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
+    """Unit vector along the last axis; the zero vector stays zero."""
+    return safe_divide(vector, norm(vector, keepdims=True))
+
+
+def dot(a: Float[Array, "*batch d"], b: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
+    """Inner product over the last axis."""
+    return jnp.sum(a * b, axis=-1)
+
+
+def map_in_chunks(function: Callable[[Any], Any], xs: Any, chunk: int) -> Any:
+    """Apply `function` to slices of at most `chunk` rows of every array of `xs` and join the results.
+
+    Memory stays that of one chunk. Rows are padded with copies of row 0 up to a whole number of chunks, so `function`
+    must treat rows independently.
+    """
+    length = jax.tree.leaves(xs)[0].shape[0]
+    if length <= chunk:
+        return function(xs)
+    num_chunks = math.ceil(length / chunk)
+    padding = num_chunks * chunk - length
+
+    def split(x: Array) -> Array:
+        padded = jnp.concatenate([x, jnp.broadcast_to(x[:1], (padding, *x.shape[1:]))]) if padding else x
+        return padded.reshape(num_chunks, chunk, *x.shape[1:])
+
+    out = jax.lax.map(function, jax.tree.map(split, xs))
+    return jax.tree.map(lambda y: y.reshape(num_chunks * chunk, *y.shape[2:])[:length], out)

@@ -1,0 +1,51 @@
+"""Shaped aliases, and the one converter that turns numbers into arrays of one dtype."""
+
+from collections.abc import Sequence
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jaxtyping
+from jaxtyping import Array, Bool, Float, Int, PyTree
+
+# What users give where an array is wanted.
+ArrayLike = jaxtyping.ArrayLike | Sequence[Any]
+
+Scalar = Float[Array, ""]
+Vector2 = Float[Array, "2"]
+Vector3 = Float[Array, "3"]
+Points = Float[Array, "*points 3"]
+
+_Tree = TypeVar("_Tree")
+
+
+def default_dtype() -> Any:
+    """The floating dtype that JAX gives a Python float: float64 only where the user enabled it."""
+    return jnp.result_type(float)
+
+
+def as_float_array(value: ArrayLike, dtype: Any = None) -> Float[Array, "..."]:
+    """Turn a number, list or array into a strongly typed floating array.
+
+    A floating array keeps its dtype (NumPy float64 becomes the default dtype, since it is what Python numbers are);
+    everything else takes `dtype`, or the default. Strong types keep `jit` from retracing and promotion from surprising.
+    """
+    if dtype is None:
+        keeps = isinstance(value, jax.Array) and jnp.issubdtype(value.dtype, jnp.floating)
+        dtype = value.dtype if keeps else default_dtype()  # pyright: ignore[reportAttributeAccessIssue]
+    return jnp.asarray(value, dtype=dtype)
+
+
+def cast(tree: _Tree, dtype: Any) -> _Tree:
+    """Copy of any object of this package with every floating array in `dtype`."""
+    return jax.tree.map(
+        lambda leaf: leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf,
+        tree,
+    )
+
+
+__all__ = [
+    "Array", "ArrayLike", "Bool", "Float", "Int", "Points", "PyTree", "Scalar", "Vector2", "Vector3",
+    "as_float_array", "cast", "default_dtype",
+]  # fmt: skip

@@ -1,0 +1,1 @@
+"""From stored depths to visibility."""

@@ -1,0 +1,81 @@
+"""Bias with a meaning: how much depth the shadow test forgives, in world units, texels or texels of slope."""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from shadowjax._checks import require_choice, require_finite
+from shadowjax._numerics import dot, norm
+from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, as_float_array
+from shadowjax.rays.ray_grid import RayGrid
+
+UNITS = ("world", "texel", "slope")
+
+# A receiver steeper than this many texels of depth for a texel across is dark in shading anyway.
+MAX_SLOPE = 64.0
+
+
+class Bias(eqx.Module):
+    """Depth that the shadow test forgives; it belongs to the test, never to the stored depth.
+
+    Attributes:
+        value: Amount in `unit`.
+        unit: "world": world units. "texel": multiples of a texel's world size at the receiver. "slope": the depth by
+            which the receiver's own plane changes over this many texels along both axes; with the filter's `reach` it
+            is the smallest bias that frees a plane of acne.
+    """
+
+    value: Scalar
+    unit: str = eqx.field(static=True, default="slope")
+
+    @classmethod
+    def create(cls, value: ArrayLike, unit: str = "slope") -> "Bias":
+        """Checked constructor.
+
+        Raises:
+            ValueError: If the unit is unknown or the value not finite.
+        """
+        require_choice(unit, "bias unit", UNITS)
+        return cls(require_finite(as_float_array(value), "bias value"), unit)
+
+    def in_world(self, grid: RayGrid, points: Points, normals: Points) -> Float[Array, "*points"]:
+        """The bias at each receiver as a distance along its light ray, world units.
+
+        Args:
+            grid: The light rays of the map.
+            points: Receivers.
+            normals: Their unit normals.
+        """
+        value = self.value.astype(points.dtype)
+        if self.unit == "world":
+            return jnp.broadcast_to(value, points.shape[:-1])
+        if self.unit == "texel":
+            return value * texel_size(grid, points)
+        return value * depth_slope(grid, points, normals)
+
+
+def texel_size(grid: RayGrid, points: Points) -> Float[Array, "*points"]:
+    """World length of the longer side of the texel that each point falls into, across the light ray."""
+    across, down = grid.cell_vectors(points)
+    return jnp.maximum(norm(across), norm(down))
+
+
+def depth_slope(grid: RayGrid, points: Points, normals: Points) -> Float[Array, "*points"]:
+    """Depth change of the receiver's plane over one texel along both axes of the map, world units.
+
+    Moving by one cell shifts a point by c at constant depth; staying on the plane with normal n then takes
+    δ = −n·c / n·d along the light direction d. The sum of both axes' |δ| bounds the change over a texel.
+
+    Args:
+        grid: The light rays of the map.
+        points: Receivers.
+        normals: Their unit normals.
+
+    Returns:
+        Non-negative depth, limited to 64 texels: the limit of a surface parallel to the light.
+    """
+    across, down = grid.cell_vectors(points)
+    cosine = jnp.abs(dot(normals, grid.space.to_source(points)))
+    rise = jnp.abs(dot(normals, across)) + jnp.abs(dot(normals, down))
+    limit = MAX_SLOPE * jnp.maximum(norm(across), norm(down))
+    safe = jnp.maximum(cosine, jnp.finfo(points.dtype).eps)
+    return jnp.minimum(rise / safe, limit)

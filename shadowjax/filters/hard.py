@@ -1,0 +1,55 @@
+"""The hard shadow test: one texel, one comparison."""
+
+from shadowjax._types import Array, Bool, Float
+from shadowjax.filters.base import Filter, Lookup
+from shadowjax.maps.sampling import read_nearest
+
+
+def is_lit(
+    stored_depth: Float[Array, "*#points"],
+    receiver_depth: Float[Array, "*#points"],
+    bias: Float[Array, "*#points"] | float = 0.0,
+) -> Bool[Array, "*points"]:
+    """The shadow test: lit where the receiver, moved towards the light by the bias, is not behind the stored depth.
+
+    Args:
+        stored_depth: Depth in the map, world units.
+        receiver_depth: Receiver's distance along the light ray, world units.
+        bias: Depth forgiven, world units.
+
+    Source: filtering, eq. 2.1 (lit iff d ≤ z); mdsm, section 4.4 (1-TS).
+    """
+    return receiver_depth - bias <= stored_depth
+
+
+class Hard(Filter):
+    """Nearest texel, binary answer. Gradient 0 by construction."""
+
+    def prepare(self, depth: Float[Array, "rows cols"]) -> Float[Array, "n rows cols"]:
+        """The map itself."""
+        return depth[None]
+
+    def visibility(self, planes: Float[Array, "n rows cols"], lookup: Lookup) -> Float[Array, "*points"]:
+        """0 or 1."""
+        stored = read_nearest(planes, lookup.position, lookup.border)[0]
+        return is_lit(stored, lookup.depth, lookup.bias).astype(planes.dtype)
+
+    @property
+    def num_planes(self) -> int:
+        """One depth for each texel."""
+        return 1
+
+    @property
+    def num_tones(self) -> int:
+        """Lit or not."""
+        return 2
+
+    @property
+    def num_fetches(self) -> int:
+        """One."""
+        return 1
+
+    @property
+    def reach(self) -> float:
+        """A receiver lies at most half a texel from the centre of its texel."""
+        return 0.5

@@ -1,0 +1,175 @@
+"""Lights: directional, spot and point; where they are seen from a point and how bright they are there."""
+
+from abc import abstractmethod
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from shadowjax._checks import require, require_finite, require_value
+from shadowjax._numerics import dot, norm, normalize, safe_divide
+from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, Vector3, as_float_array
+
+
+class Light(eqx.Module):
+    """What all lights answer. A light has no size here: an area light is many of them."""
+
+    color: eqx.AbstractVar[Vector3]
+
+    @abstractmethod
+    def to_light(self, points: Points) -> tuple[Points, Float[Array, "*points"]]:
+        """Unit direction from each point to the light and the distance to it (the far sentinel if at infinity)."""
+
+    @abstractmethod
+    def radiance(self, points: Points) -> Float[Array, "*points 3"]:
+        """Unshadowed light that arrives at each point, linear RGB."""
+
+    @abstractmethod
+    def covers(self, points: Points) -> Float[Array, "*points"]:
+        """1 where the light shines at all, 0 elsewhere (outside a spot's cone), with a soft rim if it has one."""
+
+
+def _direction(value: ArrayLike, name: str, dtype: Any) -> Vector3:
+    vector = require_finite(as_float_array(value, dtype), name)
+    require(vector.shape == (3,), f"{name} must have shape (3,); got {vector.shape}")
+    return normalize(require_value(vector, norm(vector) > 0, f"{name} must not be the zero vector"))
+
+
+def _position(value: ArrayLike, name: str, dtype: Any) -> Vector3:
+    vector = require_finite(as_float_array(value, dtype), name)
+    require(vector.shape == (3,), f"{name} must have shape (3,); got {vector.shape}")
+    return vector
+
+
+def _color(value: ArrayLike, dtype: Any) -> Vector3:
+    color = require_finite(as_float_array(value, dtype), "light color")
+    require(color.ndim == 0 or color.shape == (3,), f"light color must be a number or (3,); got {color.shape}")
+    return jnp.broadcast_to(require_value(color, color >= 0, "light color must not be negative"), (3,))
+
+
+class DirectionalLight(Light):
+    """A light at infinity.
+
+    Attributes:
+        direction: Unit vector along which the light travels.
+        color: Linear RGB irradiance on a surface that faces it.
+    """
+
+    direction: Vector3
+    color: Vector3
+
+    @classmethod
+    def create(cls, direction: ArrayLike, color: ArrayLike = 1.0, dtype: Any = None) -> "DirectionalLight":
+        """Light that travels along `direction` (any nonzero length).
+
+        Raises:
+            ValueError: If the direction is zero or a number is not finite.
+        """
+        return cls(_direction(direction, "light direction", dtype), _color(color, dtype))
+
+    def to_light(self, points: Points) -> tuple[Points, Float[Array, "*points"]]:
+        """Unit direction against the light's own, and infinity's stand-in: the largest finite number."""
+        largest = jnp.finfo(points.dtype).max
+        return jnp.broadcast_to(-self.direction, points.shape), jnp.full(points.shape[:-1], largest, points.dtype)
+
+    def radiance(self, points: Points) -> Float[Array, "*points 3"]:
+        """The light's colour everywhere."""
+        return jnp.broadcast_to(self.color, points.shape)
+
+    def covers(self, points: Points) -> Float[Array, "*points"]:
+        """1 everywhere."""
+        return jnp.ones(points.shape[:-1], points.dtype)
+
+
+class PointLight(Light):
+    """A light at a place that shines in every direction.
+
+    Attributes:
+        position: World position.
+        color: Linear RGB intensity; irradiance falls with the squared distance, and is `color` at distance 1.
+    """
+
+    position: Vector3
+    color: Vector3
+
+    @classmethod
+    def create(cls, position: ArrayLike, color: ArrayLike = 1.0, dtype: Any = None) -> "PointLight":
+        """Light at `position`.
+
+        Raises:
+            ValueError: If a number is not finite or a colour is negative.
+        """
+        return cls(_position(position, "light position", dtype), _color(color, dtype))
+
+    def to_light(self, points: Points) -> tuple[Points, Float[Array, "*points"]]:
+        """Unit direction and distance to the light, world units."""
+        offset = self.position - points
+        return normalize(offset), norm(offset)
+
+    def radiance(self, points: Points) -> Float[Array, "*points 3"]:
+        """Inverse-square falloff; 0, not infinity, at the light itself."""
+        offset = self.position - points
+        return self.color * safe_divide(jnp.ones_like(points[..., :1]), dot(offset, offset)[..., None])
+
+    def covers(self, points: Points) -> Float[Array, "*points"]:
+        """1 everywhere."""
+        return jnp.ones(points.shape[:-1], points.dtype)
+
+
+class SpotLight(Light):
+    """A light at a place that shines into a cone.
+
+    Attributes:
+        position: World position.
+        direction: Unit axis of the cone, the way the light travels.
+        half_angle: Angle between axis and rim, radians, in (0, π/2).
+        color: Linear RGB intensity on the axis, at distance 1.
+    """
+
+    position: Vector3
+    direction: Vector3
+    half_angle: Scalar
+    color: Vector3
+
+    @classmethod
+    def create(
+        cls,
+        position: ArrayLike,
+        direction: ArrayLike,
+        half_angle: ArrayLike,
+        color: ArrayLike = 1.0,
+        dtype: Any = None,
+    ) -> "SpotLight":
+        """Light at `position` that shines along `direction` into a cone of `half_angle` radians.
+
+        Raises:
+            ValueError: If the direction is zero, the half angle lies outside (0, π/2), or a number is not finite.
+        """
+        angle = require_finite(as_float_array(half_angle, dtype), "half_angle")
+        angle = require_value(
+            angle, (angle > 0) & (angle < jnp.pi / 2), "half_angle of a spot light must lie in (0, π/2) radians"
+        )
+        return cls(
+            _position(position, "light position", dtype),
+            _direction(direction, "light direction", dtype),
+            angle,
+            _color(color, dtype),
+        )
+
+    def to_light(self, points: Points) -> tuple[Points, Float[Array, "*points"]]:
+        """Unit direction and distance to the light, world units."""
+        offset = self.position - points
+        return normalize(offset), norm(offset)
+
+    def covers(self, points: Points) -> Float[Array, "*points"]:
+        """1 inside the cone, falling smoothly to 0 over the outer tenth of the cosine's range."""
+        cosine = dot(normalize(points - self.position), jnp.broadcast_to(self.direction, points.shape))
+        rim = jnp.cos(self.half_angle)
+        ramp = jnp.clip((cosine - rim) / (0.1 * (1 - rim)), 0.0, 1.0)
+        return ramp * ramp * (3 - 2 * ramp)
+
+    def radiance(self, points: Points) -> Float[Array, "*points 3"]:
+        """Inverse-square falloff inside the cone."""
+        offset = self.position - points
+        falloff = safe_divide(self.covers(points), dot(offset, offset))
+        return self.color * falloff[..., None]

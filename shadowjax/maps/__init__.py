@@ -1,0 +1,1 @@
+"""Depth maps and how they are read."""

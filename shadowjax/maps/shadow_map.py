@@ -1,0 +1,44 @@
+"""A shadow map: the first depth along every ray of a grid of light rays."""
+
+import equinox as eqx
+
+from shadowjax._types import Array, Float, Int
+from shadowjax.geometry.mesh import Mesh
+from shadowjax.rays.caster import Caster
+from shadowjax.rays.light_space import OctahedralSpace
+from shadowjax.rays.ray_grid import RayGrid
+
+
+class ShadowMap(eqx.Module):
+    """Depth seen from a light.
+
+    Attributes:
+        grid: The light rays the map samples.
+        depth: Distance along each ray, world units, `depth[t_index, s_index]`; the grid's `far` where nothing is hit.
+        face: Triangle seen by each texel, -1 where nothing is hit.
+    """
+
+    grid: RayGrid
+    depth: Float[Array, "rows cols"]
+    face: Int[Array, "rows cols"]
+
+    @property
+    def border(self) -> str:
+        """What lies outside the map: lit, or the folded continuation of an omnidirectional map."""
+        return "octahedral" if isinstance(self.grid.space, OctahedralSpace) else "lit"
+
+
+@eqx.filter_jit
+def build_shadow_map(caster: Caster, mesh: Mesh, grid: RayGrid) -> ShadowMap:
+    """Cast one ray through each texel's centre.
+
+    Args:
+        caster: Any caster; all give the same map.
+        mesh: Everything that casts shadows.
+        grid: The light rays.
+
+    Returns:
+        The map; its depth is differentiable in mesh, light and warp at fixed visibility.
+    """
+    hit = caster.closest_on_grid(mesh, grid)
+    return ShadowMap(grid, hit.depth, hit.face)

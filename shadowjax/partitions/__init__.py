@@ -1,0 +1,1 @@
+"""How a light's plane is split into several maps."""

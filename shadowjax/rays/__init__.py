@@ -1,0 +1,1 @@
+"""Light spaces, rays and the casters that trace them."""

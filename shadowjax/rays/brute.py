@@ -1,0 +1,67 @@
+"""The reference caster: every ray against every triangle, in chunks that bound memory."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from shadowjax._numerics import map_in_chunks
+from shadowjax._types import Array, Float, Int
+from shadowjax.geometry.mesh import Mesh
+from shadowjax.rays.caster import Caster
+from shadowjax.rays.ray import MISS, Hit, Rays, edge_test, intersect, orthonormal_frame
+
+# Triangles tested per loop iteration: enough to hide the loop, few enough to compile quickly.
+UNROLL = 8
+
+
+class BruteForce(Caster):
+    """Tests all pairs. Slow, simple, and what the other casters are checked against.
+
+    Memory beyond inputs and outputs is about 100 numbers for each ray of a chunk, whatever rays × triangles.
+
+    Attributes:
+        ray_chunk: Rays worked on together.
+    """
+
+    ray_chunk: int = eqx.field(static=True, default=16384)
+
+    def closest(self, mesh: Mesh, rays: Rays) -> Hit:
+        """First hit of each ray; ties go to the lowest triangle index."""
+        fixed = jax.lax.stop_gradient(rays.flattened())
+        triangles = jax.lax.stop_gradient(mesh.triangles())
+        num_faces = triangles.shape[0]
+        padding = -num_faces % UNROLL
+        # Padding triangles have three equal corners, which the edge rule always misses.
+        triangles = jnp.concatenate([triangles, jnp.zeros((padding, 3, 3), triangles.dtype)])
+        face = map_in_chunks(lambda chunk: _search(triangles, chunk), fixed, self.ray_chunk)
+        return intersect(mesh, rays, face.reshape(rays.shape))
+
+
+def _search(triangles: Float[Array, "faces 3 3"], rays: Rays) -> Int[Array, "rays"]:
+    """Index of the nearest triangle of every ray of one chunk."""
+    # Rays as rows of coordinates, triangles as scalars: each loop step is one fused pass over contiguous rays.
+    origin, direction = rays.origins.T, rays.directions.T
+    across, upward = (axis.T for axis in orthonormal_frame(rays.directions))
+
+    def step(block: Int[Array, ""], best: tuple[Array, Array]) -> tuple[Array, Array]:
+        nearest, face = best
+        for k in range(UNROLL):
+            index = block * UNROLL + k
+            corners = triangles[index]
+            x, y, z = [], [], []
+            for corner in corners:
+                offset = [corner[axis] - origin[axis] for axis in range(3)]
+                for coordinate, unit in ((x, across), (y, upward), (z, direction)):
+                    coordinate.append(offset[0] * unit[0] + offset[1] * unit[1] + offset[2] * unit[2])
+            inside, depth = edge_test(tuple(x), tuple(y), tuple(z))
+            # `>` on the current best keeps the lowest index among equals; NaN never compares true.
+            better = inside & (depth >= rays.t_min) & (nearest > depth)
+            nearest = jnp.where(better, depth, nearest)
+            face = jnp.where(better, index, face)
+        return nearest, face
+
+    # A hit exactly at t_max counts: start one rounding beyond it.
+    limit = jnp.nextafter(rays.t_max, jnp.full_like(rays.t_max, jnp.inf))
+    none = jnp.full(rays.t_max.shape, MISS, jnp.int32)
+    blocks = jnp.int32(triangles.shape[0] // UNROLL)
+    return jax.lax.fori_loop(jnp.int32(0), blocks, step, (limit, none))[1]

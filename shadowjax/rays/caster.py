@@ -1,0 +1,65 @@
+"""The protocol of every ray caster: closest hits of any rays or of a grid, and exact visibility of points."""
+
+from abc import abstractmethod
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from shadowjax._numerics import dot
+from shadowjax._types import Array, Bool, Points
+from shadowjax.geometry.mesh import Mesh
+from shadowjax.rays.light_space import LightSpace
+from shadowjax.rays.ray import Hit, Rays
+from shadowjax.rays.ray_grid import RayGrid
+
+# How far a shadow ray keeps from the surface it ends on, in units of rounding of the scene's coordinates.
+SURFACE_ROUNDINGS = 64.0
+
+
+class Caster(eqx.Module):
+    """Finds which triangle a ray meets first.
+
+    A caster only *chooses* triangles, under `stop_gradient`; depth and barycentrics come from `ray.intersect`, so every
+    caster has the same values and the same gradients. Of equally near triangles the one with the lowest index wins.
+    """
+
+    @abstractmethod
+    def closest(self, mesh: Mesh, rays: Rays) -> Hit:
+        """First hit of arbitrary rays."""
+
+    def closest_on_grid(self, mesh: Mesh, grid: RayGrid) -> Hit:
+        """First hit of every ray of a grid, shape (rows, cols); casters for coherent rays override this."""
+        return self.closest(mesh, grid.rays())
+
+    def visible(
+        self, mesh: Mesh, space: LightSpace, points: Points, normals: Points | None = None
+    ) -> Bool[Array, "*points"]:
+        """Whether nothing lies between each point and the source of its ray: the exact shadow test.
+
+        Args:
+            mesh: Everything that casts shadows.
+            space: The light space whose rays reach the points.
+            points: World points, usually on surfaces of the mesh.
+            normals: Unit normals of the side that is looked at. A side that faces away from the light is dark. Shadow
+                rays end a few roundings above the surface on that side. Without normals they end a few roundings
+                towards the light.
+
+        Returns:
+            True where lit.
+        """
+        rays, facing = shadow_rays(mesh, space, points, normals)
+        return facing & ~self.closest(mesh, rays).is_hit
+
+
+def shadow_rays(
+    mesh: Mesh, space: LightSpace, points: Points, normals: Points | None
+) -> tuple[Rays, Bool[Array, "*points"]]:
+    """The part of a light's ray that must be free for each point to be lit, and whether the point faces the light."""
+    to_source = space.to_source(points)
+    side = to_source if normals is None else normals
+    size = jnp.maximum(mesh.extent, jnp.max(jnp.abs(jnp.stack(mesh.bounds()))))
+    gap = SURFACE_ROUNDINGS * jnp.finfo(points.dtype).eps * size
+    facing = dot(to_source, side) > 0
+    plane, depth = space.project(points + gap * side)
+    origins, directions = space.ray(plane)
+    return Rays(origins, directions, jnp.zeros((), points.dtype), depth - gap), facing

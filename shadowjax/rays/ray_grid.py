@@ -1,0 +1,99 @@
+"""A grid of coherent rays: light space, plane map and resolution; the texel of a point and the ray of a texel."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from shadowjax._checks import require_int
+from shadowjax._types import Array, Float, Points, Scalar
+from shadowjax.geometry.camera import Camera
+from shadowjax.rays.light_space import LightSpace, camera_space
+from shadowjax.rays.plane_map import Box, PlaneMap
+from shadowjax.rays.ray import Rays
+
+
+class RayGrid(eqx.Module):
+    """One ray through the centre of every cell of a regular grid on the unit square.
+
+    Attributes:
+        space: The light space (or camera) the rays belong to.
+        plane_map: Where the unit square lies on its plane.
+        far: Depth that a miss reports, world units, beyond the scene.
+        num_rows: Cells along t (rows of the image).
+        num_cols: Cells along s (columns).
+    """
+
+    space: LightSpace
+    plane_map: PlaneMap
+    far: Scalar
+    num_rows: int = eqx.field(static=True)
+    num_cols: int = eqx.field(static=True)
+
+    def __check_init__(self):
+        require_int(self.num_rows, "the number of rows (resolution)", 1)
+        require_int(self.num_cols, "the number of columns (resolution)", 1)
+
+    @property
+    def resolution(self) -> Float[Array, "2"]:
+        """(columns, rows) as numbers."""
+        return jnp.asarray([self.num_cols, self.num_rows], self.far.dtype)
+
+    def centres(self) -> Float[Array, "rows cols 2"]:
+        """(s, t) of every cell's centre, (i + ½)/resolution."""
+        s = (jnp.arange(self.num_cols, dtype=self.far.dtype) + 0.5) / self.num_cols
+        t = (jnp.arange(self.num_rows, dtype=self.far.dtype) + 0.5) / self.num_rows
+        return jnp.stack(jnp.meshgrid(s, t, indexing="xy"), axis=-1)
+
+    def rays_at(self, square: Float[Array, "*points 2"]) -> Rays:
+        """The rays through arbitrary positions (s, t) of the unit square."""
+        origins, directions = self.space.ray(self.plane_map.inverse(square))
+        zero = jnp.zeros((), self.far.dtype)
+        return Rays(origins, directions, zero, self.far)
+
+    def rays(self) -> Rays:
+        """The ray of every cell, shape (rows, cols)."""
+        return self.rays_at(self.centres())
+
+    def locate(self, points: Points) -> tuple[Float[Array, "*points 2"], Float[Array, "*points"]]:
+        """Grid position (x along columns, y along rows, in cells, centres at +½) and depth of world points."""
+        plane, depth = self.space.project(points)
+        return self.plane_map.forward(plane) * self.resolution, depth
+
+    def point(self, position: Float[Array, "*points 2"], depth: Float[Array, "*points"]) -> Points:
+        """World point at a grid position (in cells) and depth: the inverse of `locate`."""
+        return self.space.point(self.plane_map.inverse(position / self.resolution), depth)
+
+    def cell_vectors(self, points: Points) -> tuple[Points, Points]:
+        """How far a world point moves when its grid position moves by one cell, at constant depth.
+
+        Args:
+            points: World points.
+
+        Returns:
+            World vectors for one column and for one row: the derivative of the map itself, so any warp is covered.
+        """
+        position, depth = self.locate(points)
+
+        def along(unit: list[float]) -> Points:
+            tangent = jnp.broadcast_to(jnp.asarray(unit, position.dtype), position.shape)
+            return jax.jvp(lambda where: self.point(where, depth), (position,), (tangent,))[1]
+
+        return along([1.0, 0.0]), along([0.0, 1.0])
+
+
+def camera_grid(camera: Camera, width: int, height: int) -> RayGrid:
+    """One ray through every pixel centre of a camera's image; row 0 is the top.
+
+    Args:
+        camera: The camera; its aspect should be width/height for square pixels.
+        width: Columns, ≥ 1.
+        height: Rows, ≥ 1.
+
+    Raises:
+        ValueError: If a size is less than 1.
+    """
+    flip = jnp.asarray([1.0, -1.0], camera.near.dtype)
+    corner = camera.half_size * flip
+    # Distances run further than the far *plane* towards the corners of the image.
+    far = camera.far * jnp.sqrt(1.0 + jnp.sum(camera.half_size**2))
+    return RayGrid(camera_space(camera), Box(-corner, corner), far, height, width)

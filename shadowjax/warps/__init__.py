@@ -1,0 +1,1 @@
+"""How the texels of a map are spread over a light's plane."""

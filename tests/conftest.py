@@ -1,0 +1,35 @@
+"""Settings of every test: float64 at hand, strict promotion, NaN debugging, checked annotations, one compilation cache."""
+
+import os
+from pathlib import Path
+
+os.environ.setdefault("MPLBACKEND", "agg")
+
+import jax
+import jax.numpy as jnp
+import pytest
+from jaxtyping import install_import_hook
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+jax.config.update("jax_debug_nans", True)
+jax.config.update("jax_compilation_cache_dir", str(Path(__file__).parent.parent / ".jax_cache"))
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+
+# Shapes and types written in annotations are checked on every call a test makes.
+install_import_hook("shadowjax", "typechecking.check")
+
+# One relative rounding budget per dtype; tests scale it by what they compute, never by what they observe.
+ROUNDING = {jnp.float32: 2e-6, jnp.float64: 1e-13}
+
+
+@pytest.fixture(params=[jnp.float32, jnp.float64], ids=["float32", "float64"])
+def dtype(request):
+    """Both dtypes of the package."""
+    return request.param
+
+
+@pytest.fixture
+def rounding(dtype):
+    """A few roundings of the dtype, relative."""
+    return ROUNDING[dtype]
