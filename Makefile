@@ -1,8 +1,8 @@
 # Everything from nothing: `make report` shows shadows of a mesh, `make test` runs the tests. Only Python ≥ 3.11 needed.
 .DEFAULT_GOAL := help
 SHELL := /bin/bash
-# The newest Python of 3.11 or later on the path; override with `make PYTHON=… …`.
-PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
+# A Python of 3.11 or later on the path; override with `make PYTHON=… …`.
+PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3 python; do \
 	"$$p" -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && { echo "$$p"; break; }; done)
 BIN := .venv/bin
 REPORT_ARGS ?=

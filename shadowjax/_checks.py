@@ -4,16 +4,16 @@ from collections.abc import Iterable
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from shadowjax._types import Array
 
 
 def concrete(value: Any) -> np.ndarray | None:
     """The NumPy value of an array, or None while it is traced."""
-    return None if isinstance(value, jax.core.Tracer) else np.asarray(value)
+    return None if isinstance(value, Tracer) else np.asarray(value)
 
 
 def require(condition: bool, message: str) -> None:
@@ -25,7 +25,7 @@ def require(condition: bool, message: str) -> None:
 def require_int(value: Any, name: str, minimum: int) -> int:
     """An int that is at least `minimum`, or a ValueError that names it."""
     is_int = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    require(is_int and value >= minimum, f"{name} must be an integer of at least {minimum}; got {value!r}")
+    require(bool(is_int and value >= minimum), f"{name} must be an integer of at least {minimum}; got {value!r}")
     return int(value)
 
 

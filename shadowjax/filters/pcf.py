@@ -71,19 +71,20 @@ def bilinear_percentage_closer(
     num_planes = planes.shape[0]
     col, row, right, down = bilinear_weights(lookup.position - (kernel_size - 1) / 2)
 
-    # Neighbouring taps share texels: their weights add up to 1 − fraction, 1, …, 1, fraction.
-    def weights(fraction: Array) -> list[Array]:
-        return [1 - fraction] + [jnp.ones_like(fraction)] * (kernel_size - 1) + [fraction]
+    # Neighbouring taps share texels: their weights add up to 1 − fraction, 1, …, 1, fraction. Written as a sum and a
+    # step, whole numbers stay whole: all lit is exactly 1 and all dark exactly 0.
+    def blend(values: list[Array], fraction: Array) -> Array:
+        return sum(values[1:-1], values[0]) + fraction * (values[-1] - values[0])
 
-    total = jnp.zeros(lookup.depth.shape, planes.dtype)
-    for d_row, row_weight in enumerate(weights(down)):
-        for d_col, col_weight in enumerate(weights(right)):
-            lit = [
-                is_lit(stored, lookup.depth, lookup.bias).astype(planes.dtype)
-                for stored in read_texels(planes, col + d_col, row + d_row, lookup.border)
-            ]
-            total = total + row_weight * col_weight * sum(lit[1:], lit[0])
-    return jnp.clip(total / (num_planes * kernel_size**2), 0.0, 1.0)
+    lines = []
+    for d_row in range(kernel_size + 1):
+        line = []
+        for d_col in range(kernel_size + 1):
+            stored = read_texels(planes, col + d_col, row + d_row, lookup.border)
+            lit = [is_lit(depth, lookup.depth, lookup.bias).astype(planes.dtype) for depth in stored]
+            line.append(sum(lit[1:], lit[0]))
+        lines.append(blend(line, right))
+    return blend(lines, down) / (num_planes * kernel_size**2)
 
 
 class PercentageCloser(Filter):

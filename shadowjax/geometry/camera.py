@@ -53,11 +53,12 @@ class Camera(eqx.Module):
             near: Near distance, world units, > 0.
             far: Far distance, world units, > near.
             aspect: Width over height, > 0.
-            dtype: Floating dtype of all numbers; JAX's default if None.
+            dtype: Floating dtype of all numbers; that of `position` if None.
 
         Raises:
             ValueError: If a number lies outside its range; the message names it.
         """
+        dtype = as_float_array(position, dtype).dtype
         position, target, up, phi_y, near, far, aspect = (
             require_finite(as_float_array(value, dtype), name)
             for value, name in [
@@ -78,7 +79,7 @@ class Camera(eqx.Module):
         if concrete(near) is not None and concrete(far) is not None:
             require(bool(near < far), f"near must be less than far; got near = {near}, far = {far}")
         else:
-            far = require_value(far, near < far, "near must be less than far")
+            near = require_value(near, near < far, "near must be less than far")
         aspect = require_value(aspect, aspect > 0, "aspect must be positive")
         return cls(position, view_frame(forward, up), phi_y, aspect, near, far)
 

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import trimesh
+from trimesh.visual.color import uv_to_color
 
 from shadowjax._checks import concrete, require, require_finite
 from shadowjax._numerics import norm, normalize, safe_divide
@@ -51,7 +52,7 @@ class Mesh(eqx.Module):
             f"vertices must have shape (V, 3) with V ≥ 1; got {vertices.shape}",
         )
         vertices = require_finite(vertices, "vertices")
-        indices = np.asarray(faces) if concrete(faces) is not None else faces
+        indices: Any = np.asarray(faces) if concrete(faces) is not None else faces
         require(
             indices.ndim == 2 and indices.shape[-1] == 3 and len(indices) > 0,
             f"faces must have shape (F, 3) with F ≥ 1: a mesh needs triangles, not points; got {indices.shape}",
@@ -219,25 +220,22 @@ def load(path: str | Path, dtype: Any = None) -> Mesh:
         raise ValueError(f"{path}: {error}") from error
 
 
-def _albedo(part: trimesh.Trimesh) -> np.ndarray | None:
+def _albedo(part: Any) -> np.ndarray | None:
     """Linear face colours of one part of a file, or None where the file has none."""
     visual = part.visual
     if visual is None or not getattr(visual, "defined", False):
         return None
-    if isinstance(visual, trimesh.visual.TextureVisuals):
-        srgb = _texture_colors(part, visual)
-    else:
-        srgb = np.asarray(visual.face_colors)[:, :3] / 255.0
+    srgb = _texture_colors(part, visual) if visual.kind == "texture" else np.asarray(visual.face_colors)[:, :3] / 255.0
     return None if srgb is None else np.broadcast_to(srgb**2.2, (len(part.faces), 3))
 
 
-def _texture_colors(part: trimesh.Trimesh, visual: Any) -> np.ndarray | None:
+def _texture_colors(part: Any, visual: Any) -> np.ndarray | None:
     """sRGB colour of each face: the texture at its middle if there is one, else the material's main colour."""
     material, uv = visual.material, visual.uv
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     if image is not None and uv is not None and len(uv) == len(part.vertices):
         centres = np.asarray(uv)[part.faces].mean(axis=1)
-        return trimesh.visual.color.uv_to_color(centres, image)[:, :3] / 255.0
+        return uv_to_color(centres, image)[:, :3] / 255.0
     main = getattr(material, "main_color", None)
     return None if main is None else np.asarray(main)[:3] / 255.0
 

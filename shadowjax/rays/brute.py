@@ -33,8 +33,18 @@ class BruteForce(Caster):
         padding = -num_faces % UNROLL
         # Padding triangles have three equal corners, which the edge rule always misses.
         triangles = jnp.concatenate([triangles, jnp.zeros((padding, 3, 3), triangles.dtype)])
-        face = map_in_chunks(lambda chunk: _search(triangles, chunk), fixed, self.ray_chunk)
+        num_rays = fixed.origins.shape[0]
+        # Few distinct sizes mean few compilations: a short list of rays is filled up to a power of two.
+        rows = min(self.ray_chunk, 1 << max(num_rays - 1, 255).bit_length())
+        spare = max(rows - num_rays, 0)
+        fixed = jax.tree.map(lambda x: jnp.concatenate([x, jnp.broadcast_to(x[:1], (spare, *x.shape[1:]))]), fixed)
+        face = _search_in_chunks(triangles, fixed, self.ray_chunk)[:num_rays]
         return intersect(mesh, rays, face.reshape(rays.shape))
+
+
+@eqx.filter_jit
+def _search_in_chunks(triangles: Float[Array, "faces 3 3"], rays: Rays, ray_chunk: int) -> Int[Array, "rays"]:
+    return map_in_chunks(lambda chunk: _search(triangles, chunk), rays, ray_chunk)
 
 
 def _search(triangles: Float[Array, "faces 3 3"], rays: Rays) -> Int[Array, "rays"]:

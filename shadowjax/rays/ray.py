@@ -148,6 +148,7 @@ def edge_test(x: tuple[Array, Array, Array], y: tuple[Array, Array, Array], z: t
     return EdgeTest(all_left ^ all_right, depth)
 
 
+@eqx.filter_jit
 def intersect(mesh: Mesh, rays: Rays, face: Int[Array, "*points"]) -> Hit:
     """Depth and barycentrics of rays on triangles that a caster has already chosen; every gradient comes from here.
 

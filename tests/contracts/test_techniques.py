@@ -1,0 +1,140 @@
+"""What every registered technique owes its users, whatever it is made of."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from shapes import above, lights, plate_over_plane
+
+from shadowjax import TECHNIQUES, Bias, Hard, Mesh, ShadowMapping, cast, make_technique
+
+RESOLUTION = 32
+visibility = eqx.filter_jit(lambda shadows, points, normals: shadows.visibility(points, normals))
+
+
+def floor_points(dtype, num=48, reach=3.0):
+    """Spots on the floor, and its normals."""
+    spots = jnp.stack(jnp.meshgrid(*[jnp.linspace(-reach, reach, num, dtype=dtype)] * 2), axis=-1).reshape(-1, 2)
+    zeros = jnp.zeros(len(spots), dtype)
+    return jnp.stack([spots[:, 0], zeros, spots[:, 1]], axis=-1), jnp.stack([zeros, zeros + 1, zeros], axis=-1)
+
+
+@pytest.fixture(scope="module")
+def built():
+    """Each technique over the plate, in float64, for the directional light; built once."""
+    mesh, camera, light = plate_over_plane(), above(), lights()["directional"]
+    return {name: make_technique(name, RESOLUTION).build(mesh, light, camera) for name in TECHNIQUES}
+
+
+@pytest.mark.parametrize("name", TECHNIQUES)
+def test_visibility_lies_in_the_unit_interval_and_keeps_its_tones(built, name):
+    value = np.asarray(visibility(built[name], *floor_points(jnp.float64)))
+    assert value.min() == 0
+    assert value.max() == 1
+    bound = make_technique(name).num_tones
+    if bound is not None:
+        assert len(np.unique(value)) <= bound
+        np.testing.assert_allclose(value * (bound - 1), np.round(value * (bound - 1)), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", TECHNIQUES)
+def test_jit_equals_eager_and_float32_is_near_float64(built, name):
+    points, normals = floor_points(jnp.float64)
+    compiled = visibility(built[name], points, normals)
+    np.testing.assert_allclose(built[name].visibility(points, normals), compiled, atol=1e-12)
+    single = cast(built[name], jnp.float32).visibility(*floor_points(jnp.float32))
+    assert single.dtype == jnp.float32
+    # Only receivers within rounding of a texel border or a depth edge may change their answer.
+    assert np.mean(np.abs(np.asarray(single, float) - np.asarray(compiled)) > 1e-3) < 0.01
+
+
+@pytest.mark.parametrize("name", TECHNIQUES)
+def test_far_from_the_edge_every_technique_is_exact(built, name):
+    """Disagreement with the closed-form shadow only within the filter's reach of its edge."""
+    points, normals = floor_points(jnp.float64)
+    light = lights()["directional"]
+    shift = light.direction[jnp.asarray([0, 2])] / -light.direction[1]
+    beyond = jnp.max(jnp.abs(points[:, ::2] - shift), axis=-1) - 1
+    truth = (beyond > 0).astype(points.dtype)
+    technique = make_technique(name)
+    if name == "exact":
+        band = 1e-9
+    else:
+        grid = built[name].maps[0].grid
+        across, down = grid.cell_vectors(points)
+        # A texel's world vectors, carried onto the floor along the light: how far one texel reaches there.
+        carried = [v - light.direction * (v[:, 1:2] / light.direction[1]) for v in (across, down)]
+        band = float(technique.filter.reach * jnp.max(sum(jnp.abs(v) for v in carried)))
+        # The bias lifts the test by as much: it never reaches the plate one metre above.
+        assert float(jnp.max(built[name].bias.in_world(grid, points, normals))) < 0.9
+    value = visibility(built[name], points, normals)
+    wrong = jnp.abs(value - truth) > 1e-9
+    assert float(jnp.max(jnp.where(wrong, jnp.abs(beyond), 0))) <= band
+
+
+@pytest.mark.parametrize("kind", ["directional", "spot", "point"])
+def test_without_occluders_everything_is_lit(kind, dtype):
+    """No acne on a plane for any light, filter and dtype with the default bias: the slope bias is what it claims."""
+    plate = plate_over_plane(dtype)
+    floor = Mesh(plate.vertices, plate.faces[:2], plate.face_colors[:2])
+    points, normals = floor_points(dtype)
+    for name in ("exact", "hard", "pcf-4x4", "pcf-bilinear-3x3", "3sm+pcf-3x3", "4sm+pcf-3x3"):
+        shadows = make_technique(name, RESOLUTION).build(floor, lights(dtype)[kind], above(dtype))
+        assert float(jnp.min(shadows.visibility(points, normals))) == 1, name
+
+
+def test_half_the_slope_bias_is_not_enough():
+    """The default bias is the smallest: an eighth less and the floor shadows itself."""
+    plate, light, camera = plate_over_plane(), lights()["directional"], above()
+    floor = Mesh(plate.vertices, plate.faces[:2], plate.face_colors[:2])
+    points, normals = floor_points(jnp.float64, num=200)
+    shadows = ShadowMapping(Hard(), RESOLUTION, bias=Bias.create(0.5 * 7 / 8)).build(floor, light, camera)
+    assert float(jnp.min(shadows.visibility(points, normals))) == 0
+
+
+@pytest.mark.parametrize("kind", ["spot", "point"])
+def test_local_lights_agree_with_the_exact_shadow(kind):
+    mesh, camera, light = plate_over_plane(), above(), lights()[kind]
+    points, normals = floor_points(jnp.float64, reach=2.0)
+    truth = make_technique("exact").build(mesh, light, camera).visibility(points, normals)
+    errors = []
+    for resolution in (32, 64, 128, 256):
+        value = make_technique("hard", resolution).build(mesh, light, camera).visibility(points, normals)
+        errors.append(float(jnp.mean(jnp.abs(value - truth))))
+    assert 0.1 < float(jnp.mean(truth)) < 0.9
+    # The wrong band along the edge is a texel wide: the error falls with the texel.
+    assert errors[-1] < errors[0] / 4
+    assert errors[-1] < 0.02
+
+
+@pytest.mark.parametrize("name", ["hard", "pcf-3x3", "2sm-max+pcf-3x3"])
+def test_hard_tests_have_zero_gradient_by_construction(name):
+    """The capability table says "values only" for these; nothing soft hides in them, and nothing is NaN."""
+    mesh, camera, light = plate_over_plane(), above(), lights()["directional"]
+    points, normals = floor_points(jnp.float64, num=8)
+
+    def total(vertices, light):
+        moved = Mesh(vertices, mesh.faces, mesh.face_colors)
+        return jnp.sum(make_technique(name, 16).build(moved, light, camera).visibility(points, normals))
+
+    for leaf in jax.tree.leaves(jax.grad(total, argnums=(0, 1))(mesh.vertices, light)):
+        np.testing.assert_array_equal(leaf, 0)
+
+
+def test_unknown_names_get_suggestions():
+    with pytest.raises(ValueError, match=r"did you mean.*pcf-3x3"):
+        make_technique("pcf3x3")
+
+
+@pytest.mark.parametrize("resolution", [0, -4])
+def test_resolution_is_checked(resolution):
+    with pytest.raises(ValueError, match="resolution"):
+        ShadowMapping(Hard(), resolution)
+
+
+def test_bias_is_checked():
+    with pytest.raises(ValueError, match="unit must be one of 'world', 'texel', 'slope'"):
+        Bias.create(1.0, "metres")
+    with jax.debug_nans(False), pytest.raises(ValueError, match="finite"):
+        Bias.create(float("nan"))
