@@ -1,0 +1,1 @@
+"""Analysis: tones, cost, metrics, and the ledger of equations with its runner."""

@@ -1,0 +1,250 @@
+"""The ledger's types and runner: what an equation is, how it is checked, and where its ledgers are merged.
+
+An equation is checked three ways where that makes sense: its closed form, an independent derivation of the same number
+(enumeration, automatic differentiation, quadrature, first principles), and a measurement on the package's own arrays.
+An erratum also shows the printed form failing at a counterexample.
+"""
+
+import functools
+import importlib
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Literal
+
+from shadowjax._checks import require, require_choice
+from shadowjax.analysis.inputs import Inputs, Unavailable, plain, relative_error
+
+Verdict = Literal["holds", "conditional", "erratum"]
+Function = Callable[["Inputs"], Any]
+
+VERDICTS: tuple[Verdict, ...] = ("holds", "conditional", "erratum")
+SOURCES = ("mdsm", "warping", "filtering", "stencil", "asm")
+LEDGERS = (  # one module of `shadowjax.analysis.ledger` a line
+    "mdsm",
+    "warping",
+    "filtering",
+    "stencil",
+    "asm",
+)
+
+
+@dataclass(frozen=True)
+class Correction:
+    """How an erratum is printed, how it should read, and inputs at which the two differ.
+
+    Args:
+        printed: What the source states, in our words.
+        corrected: What is true.
+        printed_form: The printed form as a function of inputs.
+        counterexample: Inputs at which it gives another value than the true form.
+        label: Label of the counterexample, for families that read it.
+        corrected_form: The true form; the equation's closed form if None. Needed where the family itself names the
+            literal reading.
+    """
+
+    printed: str
+    corrected: str
+    printed_form: Function
+    counterexample: Mapping[str, Any] = field(default_factory=dict)
+    label: str = ""
+    corrected_form: Function | None = None
+
+
+@dataclass(frozen=True)
+class Equation:
+    """One formula or claim of a source.
+
+    Args:
+        id: `source.family`, the part before `[` of the rows that it answers.
+        source: Document and place, e.g. `mdsm, eq. 4.2`.
+        statement: What it says, in our words.
+        verdict: `holds`, `conditional` (true under `condition`) or `erratum` (false as printed; see `correction`).
+        closed_form: True value as a function of inputs.
+        samples: Inputs at which `verify` checks it; pairs (inputs, label) where a family needs the label.
+        derived: The same value by an independent route, or None; it may return None where the route does not go.
+        measured: The same value from the package's own arrays and functions, or None; it may return None likewise.
+        condition: When a conditional equation holds.
+        correction: The printed form of an erratum.
+        tolerance: Relative error allowed between closed form and derivation; absolute where the value is 0.
+        measured_tolerance: The same for the measurement; `tolerance` if None.
+        pattern: Regular expression of the families that this equation answers, if more than its id; named groups
+            become inputs.
+    """
+
+    id: str
+    source: str
+    statement: str
+    verdict: Verdict
+    closed_form: Function
+    samples: tuple[Mapping[str, Any] | tuple[Mapping[str, Any], str], ...]
+    derived: Function | None = None
+    measured: Function | None = None
+    condition: str = ""
+    correction: Correction | None = None
+    tolerance: float = 1e-9
+    measured_tolerance: float | None = None
+    pattern: str = ""
+
+    def __post_init__(self) -> None:
+        require_choice(self.verdict, f"verdict of {self.id}", VERDICTS)
+        require_choice(self.id.split(".")[0], f"source of {self.id}", SOURCES)
+        require(bool(self.samples), f"{self.id} needs sample inputs, or verify checks nothing")
+        require(self.derived is not None or self.measured is not None, f"{self.id} needs a derivation or a measurement")
+        require(
+            (self.verdict == "erratum") == (self.correction is not None), f"{self.id}: errata alone have corrections"
+        )
+        require(self.verdict != "conditional" or bool(self.condition), f"{self.id} needs its condition in words")
+
+    def matches(self, family: str) -> dict[str, str] | None:
+        """Inputs read from the family's name if this equation answers it, else None."""
+        if family == self.id and not self.pattern:
+            return {}
+        found = re.fullmatch(self.pattern, family) if self.pattern else None
+        return None if found is None else {k: v for k, v in found.groupdict().items() if v is not None}
+
+    def inputs(self) -> tuple[Inputs, ...]:
+        """The sample inputs, with what the id itself says."""
+        from_id = self.matches(self.id) or {}
+        pairs = (sample if isinstance(sample, tuple) else (sample, "") for sample in self.samples)
+        return tuple(Inputs(values, label).merged(from_id) for values, label in pairs)
+
+
+@dataclass(frozen=True)
+class Check:
+    """One comparison: a name, whether it passed, the value, what it was compared with, and the relative error."""
+
+    name: str
+    passed: bool
+    value: Any
+    expected: Any
+    error: float
+
+
+@dataclass(frozen=True)
+class Result:
+    """What `verify` found about one equation."""
+
+    id: str
+    source: str
+    verdict: Verdict
+    passed: bool
+    checks: tuple[Check, ...]
+
+
+def _check(name: str, value: Any, expected: Any, tolerance: float) -> Check:
+    error = relative_error(value, expected)
+    return Check(name, error <= tolerance, plain(value), plain(expected), error)
+
+
+def _name(kind: str, inputs: Inputs) -> str:
+    case = inputs.label or ", ".join(f"{name}={plain(value)}" for name, value in inputs.items())
+    return f"{kind} [{case}]" if case else kind
+
+
+def check(equation: Equation) -> Result:
+    """Check one equation at its sample inputs.
+
+    Returns:
+        A result whose checks are, for each sample, derivation = closed form and measurement = closed form, and for an
+        erratum one check that the printed form differs from the truth at the counterexample.
+    """
+    checks = []
+    for inputs in equation.inputs():
+        expected = equation.closed_form(inputs)
+        loose = equation.tolerance if equation.measured_tolerance is None else equation.measured_tolerance
+        routes = (("derived", equation.derived, equation.tolerance), ("measured", equation.measured, loose))
+        for kind, route, allowed in routes:
+            value = None if route is None else route(inputs)
+            if value is not None:
+                checks.append(_check(_name(kind, inputs), value, expected, allowed))
+    if equation.correction is not None:
+        correction = equation.correction
+        inputs = Inputs(correction.counterexample, correction.label).merged(equation.matches(equation.id) or {})
+        truth, printed = (correction.corrected_form or equation.closed_form)(inputs), correction.printed_form(inputs)
+        error = relative_error(printed, truth)
+        differs = error > max(equation.tolerance, equation.measured_tolerance or 0.0)
+        checks.append(Check(_name("printed form refuted", inputs), differs, plain(printed), plain(truth), error))
+    passed = bool(checks) and all(one.passed for one in checks)
+    return Result(equation.id, equation.source, equation.verdict, passed, tuple(checks))
+
+
+@functools.cache
+def ledger() -> Mapping[str, Equation]:
+    """Every equation of the package by id, in the order of the sources.
+
+    Raises:
+        ValueError: If two ledgers use one id.
+    """
+    merged: dict[str, Equation] = {}
+    for name in LEDGERS:
+        for equation in importlib.import_module(f"shadowjax.analysis.ledger.{name}").EQUATIONS:
+            require(equation.id not in merged, f"two equations are called {equation.id}")
+            merged[equation.id] = equation
+    return MappingProxyType(merged)
+
+
+def find(family: str, equations: Mapping[str, Equation] | None = None) -> Equation | None:
+    """The equation that answers a family of reference values, or None."""
+    known = ledger() if equations is None else equations
+    if family in known:
+        return known[family]
+    return next((equation for equation in known.values() if equation.matches(family) is not None), None)
+
+
+def evaluate(family: str, inputs: Mapping[str, Any], row_id: str = "") -> Any:
+    """True value of a family at named inputs.
+
+    Args:
+        family: Id of an equation, or a name that its pattern matches.
+        inputs: Name to number, decimal string or list; angles in degrees end in `_deg`.
+        row_id: Full id of a row, `family[label]`; some families name a case only in the label.
+
+    Raises:
+        Unavailable: If no equation answers the family, an input is missing, or the value cannot be recomputed.
+    """
+    equation = find(family)
+    if equation is None:
+        raise Unavailable(f"no equation of the ledger answers {family!r}")
+    label = row_id[row_id.index("[") + 1 : row_id.rindex("]")] if "[" in row_id and "]" in row_id else ""
+    return equation.closed_form(Inputs(inputs, label).merged(equation.matches(family) or {}))
+
+
+def verify(
+    equations: Iterable[Equation] | None = None, progress: Callable[[Result], None] | None = None
+) -> list[Result]:
+    """Check equations, all of the ledger by default.
+
+    Args:
+        equations: What to check.
+        progress: Called with each result as it is found.
+    """
+    results = []
+    for equation in ledger().values() if equations is None else equations:
+        results.append(check(equation))
+        if progress is not None:
+            progress(results[-1])
+    return results
+
+
+def to_json(results: Iterable[Result]) -> dict[str, Any]:
+    """Results as what `verify --json` writes."""
+    return {
+        "equations": [
+            {
+                "id": result.id,
+                "source": result.source,
+                "verdict": result.verdict,
+                "passed": result.passed,
+                "checks": [vars(one) for one in result.checks],
+            }
+            for result in results
+        ]
+    }
+
+
+__all__ = [
+    "Check", "Correction", "Equation", "Inputs", "Result", "Unavailable", "Verdict",
+    "check", "evaluate", "find", "ledger", "plain", "relative_error", "to_json", "verify",
+]  # fmt: skip
