@@ -8,7 +8,8 @@ from shadowjax._numerics import dot, map_in_chunks, normalize
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
-from shadowjax.geometry.mesh import Mesh, corner_normals
+from shadowjax.geometry.mesh import Mesh
+from shadowjax.geometry.smoothing import corner_normals
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.ray_grid import camera_grid
 from shadowjax.techniques import Shadows
@@ -76,7 +77,7 @@ def trace_surface(
         width: Pixels across, ≥ 1.
         height: Pixels down, ≥ 1.
         caster: Traces the rays.
-        smooth_groups: From `geometry.mesh.smooth_corner_groups`; flat shading if None.
+        smooth_groups: From `geometry.smoothing.smooth_corner_groups`; flat shading if None.
         samples_per_axis: K; each pixel gets K² samples on a regular grid, ≥ 1.
 
     Returns:

@@ -95,22 +95,23 @@ class Mesh(eqx.Module):
         """Corner positions of every triangle: (face, corner, xyz)."""
         return self.vertices[self.faces]
 
-    def _area_vectors(self) -> Float[Array, "faces 3"]:
+    def area_vectors(self) -> Float[Array, "faces 3"]:
+        """Normal of every triangle with its area for a length, world units squared."""
         a, b, c = jnp.moveaxis(self.triangles(), 1, 0)
         return 0.5 * jnp.cross(b - a, c - a)
 
     def face_normals(self) -> Float[Array, "faces 3"]:
         """Unit normals, right-handed about the corners; the zero vector for a triangle without area."""
-        return normalize(self._area_vectors())
+        return normalize(self.area_vectors())
 
     def areas(self) -> Float[Array, "faces"]:
         """Area of every triangle, world units squared."""
-        return norm(self._area_vectors())
+        return norm(self.area_vectors())
 
     def vertex_normals(self) -> Float[Array, "vertices 3"]:
         """Area-weighted mean of the normals of the faces around each vertex, unit length or zero."""
         summed = jnp.zeros_like(self.vertices)
-        weighted = self._area_vectors()
+        weighted = self.area_vectors()
         for corner in range(3):
             summed = summed.at[self.faces[:, corner]].add(weighted)
         return normalize(summed)
@@ -131,56 +132,6 @@ class Mesh(eqx.Module):
             jnp.concatenate([mesh.faces + np.int32(start) for mesh, start in zip(meshes, starts, strict=True)]),
             jnp.concatenate([mesh.face_colors for mesh in meshes]),
         )
-
-
-def smooth_corner_groups(mesh: Mesh, crease_angle: float = 0.6) -> Int[Array, "faces 3"]:
-    """Which corners share a shading normal: corners at one place whose faces meet at less than `crease_angle`.
-
-    Host-side and static under differentiation, as it is topology; see `corner_normals`.
-
-    Args:
-        mesh: Any mesh with concrete vertices; vertices at equal positions count as one.
-        crease_angle: Largest angle between neighbouring normals that is still shaded smoothly, radians.
-
-    Returns:
-        Group number of each corner of each face, counted from 0.
-    """
-    import scipy.sparse as sparse
-    from scipy.sparse.csgraph import connected_components
-
-    positions = np.asarray(mesh.vertices)
-    _, place = np.unique(positions, axis=0, return_inverse=True)
-    faces = place.reshape(-1)[np.asarray(mesh.faces)]
-    normals = np.asarray(mesh.face_normals())
-    num_corners = faces.size
-    # Two faces are joined across an edge they share, at both ends of it.
-    edges = np.concatenate([np.stack([faces[:, i], faces[:, (i + 1) % 3]], -1) for i in range(3)])
-    owner = np.concatenate([np.arange(len(faces))] * 3)
-    start_corner = np.concatenate([owner[: len(faces)] * 3 + i for i in range(3)])
-    end_corner = np.concatenate([owner[: len(faces)] * 3 + (i + 1) % 3 for i in range(3)])
-    flipped = edges[:, 0] > edges[:, 1]
-    low_corner = np.where(flipped, end_corner, start_corner)
-    high_corner = np.where(flipped, start_corner, end_corner)
-    key = np.sort(edges, axis=1)
-    order = np.lexsort((key[:, 1], key[:, 0]))
-    same = np.all(key[order[1:]] == key[order[:-1]], axis=1)
-    first, second = order[:-1][same], order[1:][same]
-    smooth = np.sum(normals[owner[first]] * normals[owner[second]], axis=1) > np.cos(crease_angle)
-    first, second = first[smooth], second[smooth]
-    rows = np.concatenate([low_corner[first], high_corner[first]])
-    cols = np.concatenate([low_corner[second], high_corner[second]])
-    graph = sparse.coo_array((np.ones(len(rows), np.int8), (rows, cols)), shape=(num_corners, num_corners))
-    _, group = connected_components(graph, directed=False)
-    return jnp.asarray(group.reshape(-1, 3), jnp.int32)
-
-
-def corner_normals(mesh: Mesh, groups: Int[Array, "faces 3"]) -> Float[Array, "faces 3 3"]:
-    """Shading normal of each corner: the area-weighted mean over its group, differentiable in the vertices."""
-    area_vectors = mesh._area_vectors()
-    spread = jnp.broadcast_to(area_vectors[:, None], (*mesh.faces.shape, 3)).reshape(-1, 3)
-    flat = groups.reshape(-1)
-    summed = jnp.zeros_like(spread).at[flat].add(spread)
-    return normalize(summed[flat]).reshape(*mesh.faces.shape, 3)
 
 
 def load(path: str | Path, dtype: Any = None) -> Mesh:

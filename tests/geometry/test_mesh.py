@@ -8,7 +8,8 @@ import trimesh
 from shapes import bumpy_sphere, plate_over_plane
 
 from shadowjax import Mesh, load
-from shadowjax.geometry.mesh import corner_normals, smooth_corner_groups, zero_area_faces
+from shadowjax.geometry.mesh import zero_area_faces
+from shadowjax.geometry.smoothing import corner_normals, smooth_corner_groups
 from shadowjax.geometry.transforms import rotation, scaling, translation
 
 CORNERS = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]
