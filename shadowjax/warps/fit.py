@@ -1,0 +1,193 @@
+"""Fits of warps to a camera, a light and a scene, and the registry of rules for the virtual near distance n'."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from shadowjax._checks import require_choice
+from shadowjax._numerics import dot, safe_divide
+from shadowjax._types import Array, Float, Scalar, Vector3
+from shadowjax.geometry.camera import Camera
+from shadowjax.geometry.light import Light
+from shadowjax.geometry.mesh import Mesh
+from shadowjax.geometry.transforms import light_frame
+from shadowjax.rays.light_space import DirectionalSpace, LightSpace, PerspectiveSpace, in_front
+from shadowjax.warps import lispsm, minimax
+from shadowjax.warps.base import WarpFit
+from shadowjax.warps.light_frustum import LightFrustum
+from shadowjax.warps.logarithmic import LogarithmicWarp, log_distance
+from shadowjax.warps.perspective import PerspectiveWarp
+from shadowjax.warps.strength import least_worst_strength
+from shadowjax.warps.trapezoidal import trapezoidal
+
+Rule = Callable[[LightFrustum], Float[Array, "..."]]
+
+# How each named technique picks n', for a directional light; one line a rule.
+NEAR_DISTANCES: dict[str, Rule] = {
+    "uniform": lispsm.uniform,
+    "psm": lispsm.psm,
+    "lispsm": lispsm.wimmer,
+    "lispsm_sine": lispsm.wimmer_over_sine,
+    "generalised": lispsm.generalised,
+    "generalised_sine": lambda frustum: lispsm.generalised(frustum, "sine"),
+    "minimax": minimax.minimax,
+    "minimax_whole": lambda frustum: minimax.minimax(frustum, "whole"),
+    "least_storage": minimax.least_storage,
+    "balanced": minimax.balanced,
+    "trapezoidal": trapezoidal,
+}
+
+SAMPLES = 33  # depths on the view axis at which a spot light's error is weighed
+
+
+def light_frustum(camera: Camera, light_direction: Vector3, near: Scalar, far: Scalar) -> LightFrustum:
+    """The camera's frustum as a directional light sees it, for any roll of the camera.
+
+    With roll, the angles of view along and across light space are those of the smallest upright frustum around the
+    camera's: its half sizes are projected on the two directions.
+
+    Args:
+        camera: The camera.
+        light_direction: Direction along which the light travels.
+        near: Nearest depth that matters, world units.
+        far: Farthest depth that matters, world units.
+    """
+    frame = light_frame(-light_direction, camera.forward)
+    across = jnp.abs(camera.rotation[:2] @ frame[0])  # x of light space in the image plane: (|right·x|, |up·x|)
+    half = camera.half_size
+    tan_x = dot(across, half)
+    tan_y = dot(across[::-1], half)
+    gamma = camera.gamma(light_direction)
+    gamma = jnp.minimum(gamma, jnp.asarray(jnp.pi / 2, gamma.dtype))
+    return LightFrustum(near, far, jnp.arctan(tan_y), jnp.arctan(tan_x), gamma)
+
+
+def visible_range(camera: Camera, mesh: Mesh) -> tuple[Scalar, Scalar]:
+    """Depths between the camera's planes at which the scene has vertices, so has surfaces."""
+    depth = camera.to_view(mesh.vertices)[:, 2]
+    near = jnp.clip(jnp.min(depth), camera.near, camera.far)
+    far = jnp.clip(jnp.max(depth), camera.near, camera.far)
+    some = far > near * (1 + 1e-3)
+    return jnp.where(some, near, camera.near), jnp.where(some, far, camera.far)
+
+
+def corners(camera: Camera, near: Scalar, far: Scalar) -> Float[Array, "8 3"]:
+    """World corners of the part of the camera's frustum between two depths."""
+    part = eqx.tree_at(lambda c: (c.near, c.far), camera, (near, far))
+    return part.frustum_corners()
+
+
+def padded(points: Float[Array, "points 2"], margin: float = 1e-3) -> Float[Array, "points 2"]:
+    """Plane points moved away from their middle, so that nothing the camera sees falls on the border of a map."""
+    middle = (jnp.min(points, axis=0) + jnp.max(points, axis=0)) / 2
+    return middle + (points - middle) * (1 + 2 * margin)
+
+
+class PerspectiveFit(WarpFit):
+    """Covers what the camera sees with a perspective warp whose n' follows a named rule.
+
+    Only the frustum has to be covered: each ray of a directional or spot light carries every caster that can darken its
+    receivers, however far outside the frustum they are, so no caster is clipped.
+
+    A spot light has no closed form: any rule but "uniform" then means the strength of least worst error on the view
+    axis, weighed with the true distances from light and camera. The map is uniform if a corner of the frustum lies
+    behind the light.
+
+    Attributes:
+        rule: Key of `NEAR_DISTANCES`.
+        tight: Whether the depths are cut to those at which the scene has vertices.
+    """
+
+    rule: str = eqx.field(static=True, default="minimax")
+    tight: bool = eqx.field(static=True, default=True)
+
+    def __check_init__(self) -> None:
+        require_choice(self.rule, "warp rule", NEAR_DISTANCES)
+
+    def fit(self, space: LightSpace, light: Light, mesh: Mesh, camera: Camera) -> PerspectiveWarp:
+        """The warp around the visible part of the camera's frustum.
+
+        Raises:
+            ValueError: If the light is a point light: its rays fill a sphere and have no plane to warp.
+        """
+        near, far = visible_range(camera, mesh) if self.tight else (camera.near, camera.far)
+        if isinstance(space, DirectionalSpace):
+            points = padded(space.project(corners(camera, near, far))[0])
+            frustum = light_frustum(camera, -space.frame[1], near, far)
+            return PerspectiveWarp.fit(points, 1 / NEAR_DISTANCES[self.rule](frustum), view_axis(space, camera))
+        points, axis, strength = spot_strength(space, camera, near, far)
+        if self.rule == "uniform":
+            strength = jnp.zeros_like(strength)
+        return PerspectiveWarp.fit(padded(points), strength, axis)
+
+
+class LogarithmicFit(WarpFit):
+    """Covers what the camera sees with a logarithmic warp of least error along z', for directional lights.
+
+    Attributes:
+        tight: Whether the depths are cut to those at which the scene has vertices.
+    """
+
+    tight: bool = eqx.field(static=True, default=True)
+
+    def fit(self, space: LightSpace, light: Light, mesh: Mesh, camera: Camera) -> LogarithmicWarp:
+        """The warp around the visible part of the camera's frustum.
+
+        Raises:
+            ValueError: If the light is not directional.
+        """
+        if not isinstance(space, DirectionalSpace):
+            kind = type(light).__name__
+            raise ValueError(f"the logarithmic warp needs a directional light; got {kind}: use PerspectiveFit")
+        near, far = visible_range(camera, mesh) if self.tight else (camera.near, camera.far)
+        points = padded(space.project(corners(camera, near, far))[0])
+        frustum = light_frustum(camera, -space.frame[1], near, far)
+        return LogarithmicWarp.fit(points, 1 / log_distance(frustum), view_axis(space, camera))
+
+
+def view_axis(space: DirectionalSpace, camera: Camera) -> Float[Array, "2"]:
+    """Direction on the light's plane in which the view recedes; z of the light space where light and view align."""
+    seen = jnp.stack([dot(space.frame[0], camera.forward), dot(space.frame[2], camera.forward)])
+    length = jnp.sqrt(jnp.sum(seen * seen) + jnp.finfo(seen.dtype).tiny)
+    ahead = jnp.asarray([0.0, 1.0], seen.dtype)
+    return jnp.where(length > 1e-6, seen / length, ahead)
+
+
+def spot_strength(
+    space: LightSpace, camera: Camera, near: Scalar, far: Scalar
+) -> tuple[Float[Array, "8 2"], Float[Array, "2"], Scalar]:
+    """Plane corners of the frustum, the direction in which the view recedes there, and the best strength on its axis.
+
+    Raises:
+        ValueError: If the space is not that of a spot light.
+    """
+    if not isinstance(space, PerspectiveSpace):
+        raise ValueError(
+            f"perspective warps need a directional or a spot light; got {type(space).__name__}: use UniformFit"
+        )
+    bodies = corners(camera, near, far)
+    reached = jnp.all(in_front(space, bodies))
+    points, _ = space.project(bodies)
+    depths = near * (far / near) ** jnp.linspace(0, 1, SAMPLES, dtype=near.dtype)
+    samples = camera.position + depths[:, None] * camera.forward
+    along, _ = space.project(samples)
+    direction = along[-1] - along[0]
+    length = jnp.sqrt(jnp.sum(direction * direction) + jnp.finfo(direction.dtype).tiny)
+    reached = reached & (length > 1e-6)
+    axis = jnp.where(reached, direction / length, jnp.asarray([0.0, 1.0], direction.dtype))
+    # where a corner lies behind the light, the whole of a right-angled cone stands in, unwarped
+    signs = jnp.asarray([[-1, -1], [1, -1], [1, 1], [-1, 1]] * 2, points.dtype)
+    points = jnp.where(reached, points, signs)
+    lowest = jnp.min(points @ axis)
+    extent = jnp.max(points @ axis) - lowest
+    distance = (samples - space.position) @ space.frame[2]
+    weight = safe_divide(jnp.abs(distance), depths)
+    strength = least_worst_strength(along @ axis - lowest, weight, extent)
+    return points, axis, jnp.where(reached, strength, jnp.zeros_like(strength))
+
+
+__all__ = [
+    "NEAR_DISTANCES", "LogarithmicFit", "PerspectiveFit", "Rule", "corners", "light_frustum", "padded", "spot_strength",
+    "view_axis", "visible_range",
+]  # fmt: skip

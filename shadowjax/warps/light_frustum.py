@@ -1,0 +1,177 @@
+"""The camera frustum as the light sees it: offsets, extents and half widths in the warping chapter's light space."""
+
+import math
+from typing import Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from shadowjax._checks import require_choice, require_finite, require_value
+from shadowjax._types import Array, ArrayLike, Float, as_float_array
+
+Section = Literal["axis", "whole"]
+SECTIONS: tuple[Section, ...] = ("axis", "whole")
+
+
+class LightFrustum(eqx.Module):
+    """A camera frustum under a directional light, in light space (warping, figure 21).
+
+    Light space has y against the light and z' in the plane of y and the view direction. z' is measured here from the
+    frustum's lowest point; the warping frustum P puts that point at z' = n'. A camera point at height y and depth z
+    lies at y·cos γ + z·sin γ − lowest. All fields broadcast against each other.
+
+    Args:
+        near: Depth n of the near plane, world units, > 0.
+        far: Depth f of the far plane, world units, > near.
+        phi_y: Half the vertical angle of view, radians, in (0, π/2).
+        phi_x: Half the horizontal angle of view, radians, in (0, π/2).
+        gamma: Angle between light and view directions, radians, in [0, π/2].
+    """
+
+    near: Float[Array, "..."]
+    far: Float[Array, "..."]
+    phi_y: Float[Array, "..."]
+    phi_x: Float[Array, "..."]
+    gamma: Float[Array, "..."]
+
+    @classmethod
+    def create(
+        cls,
+        near: ArrayLike,
+        far: ArrayLike,
+        phi_y: ArrayLike,
+        gamma: ArrayLike = math.pi / 2,
+        phi_x: ArrayLike | None = None,
+    ) -> "LightFrustum":
+        """A checked frustum; phi_x is phi_y unless given.
+
+        Raises:
+            ValueError: If not 0 < near < far, an angle of view is outside (0, π/2), or gamma is outside [0, π/2].
+        """
+        dtype = jnp.result_type(*(as_float_array(x) for x in (near, far, phi_y, gamma)))
+        phi_x = phi_y if phi_x is None else phi_x
+        near, far, phi_y, phi_x, gamma = (jnp.asarray(x, dtype=dtype) for x in (near, far, phi_y, phi_x, gamma))
+        near = require_value(require_finite(near, "near"), near > 0, "near must be positive")
+        far = require_value(require_finite(far, "far"), far > near, "far must be greater than near")
+        right_angle = jnp.asarray(math.pi / 2, dtype=dtype)
+        for name, angle in (("phi_y", phi_y), ("phi_x", phi_x)):
+            inside = (angle > 0) & (angle < right_angle)
+            require_value(
+                angle, inside, f"{name}, half an angle of view in radians, must lie strictly between 0 and π/2"
+            )
+        inside = (gamma >= 0) & (gamma <= right_angle)
+        gamma = require_value(gamma, inside, "gamma must be in radians and lie in [0, π/2]")
+        return cls(near, far, phi_y, phi_x, gamma)
+
+    @property
+    def tan_y(self) -> Float[Array, "..."]:
+        """Tangent of half the vertical angle of view."""
+        return jnp.tan(self.phi_y)
+
+    @property
+    def tan_x(self) -> Float[Array, "..."]:
+        """Tangent of half the horizontal angle of view."""
+        return jnp.tan(self.phi_x)
+
+    @property
+    def sine(self) -> Float[Array, "..."]:
+        """sin γ: how far z' moves for a unit of depth on the view axis."""
+        return jnp.sin(self.gamma)
+
+    @property
+    def tilt(self) -> Float[Array, "..."]:
+        """tg φ_y · cos γ: how far z' moves for a unit of depth from the view axis to the frustum's top edge."""
+        return self.tan_y * jnp.cos(self.gamma)
+
+    @property
+    def low_near(self) -> Float[Array, "..."]:
+        """Offset of the near plane's lowest edge above the frustum's lowest point; 0 unless γ < φ_y."""
+        return (self.far - self.near) * jnp.maximum(self.tilt - self.sine, 0)
+
+    @property
+    def low_far(self) -> Float[Array, "..."]:
+        """Offset of the far plane's lowest edge above the frustum's lowest point; 0 unless γ > φ_y."""
+        return (self.far - self.near) * jnp.maximum(self.sine - self.tilt, 0)
+
+    @property
+    def extent(self) -> Float[Array, "..."]:
+        """W = f' − n', the frustum's length along z' (warping, eq. 36)."""
+        return self.low_far + 2 * self.far * self.tilt
+
+    @property
+    def gamma_limit(self) -> Float[Array, "..."]:
+        """The γ at which the z' ranges of near and far plane touch (warping, eq. 40); always above φ_y."""
+        return jnp.arctan(self.tan_y * (self.far + self.near) / (self.far - self.near))
+
+    @property
+    def uniform_near_distance(self) -> Float[Array, "..."]:
+        """A finite n' that stands for n' = ∞: the uniform map to the last bit."""
+        extent = self.extent
+        return extent * (4 / float(jnp.finfo(extent.dtype).eps))  # W/n' is a quarter of an ulp of 1
+
+    def bounded(self, near_distance: Float[Array, "..."]) -> Float[Array, "..."]:
+        """A near distance kept at or below the one that stands for ∞; infinite ones become it."""
+        return jnp.minimum(near_distance, self.uniform_near_distance)
+
+    def ratio(self, numerator: Float[Array, "..."], denominator: Float[Array, "..."]) -> Float[Array, "..."]:
+        """numerator/denominator for a positive numerator; the uniform map where the denominator is not positive."""
+        return numerator / jnp.maximum(denominator, numerator / self.uniform_near_distance)
+
+    def offset(self, depth: Float[Array, "..."], height: Float[Array, "..."] | float = 0.0) -> Float[Array, "..."]:
+        """z' − n' of camera points.
+
+        Args:
+            depth: Depth z along the view direction, world units.
+            height: Height y above the view axis, world units.
+
+        Source: warping, eq. 35 (height 0).
+        """
+        rise = (depth - self.near) * self.sine + height * jnp.cos(self.gamma)
+        return self.low_near + self.near * self.tilt + rise
+
+    def worst_line(self, section: Section = "axis") -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+        """Where the z' error is largest at each depth: offset at the near plane and its slope along depth.
+
+        Args:
+            section: "axis" looks at the view axis only, as the source does; "whole" at the whole vertical section,
+                whose worst points lie on its top edge, because the error grows with z'.
+
+        Returns:
+            E and g such that the line's offset is E + g·(z − n).
+        """
+        require_choice(section, "section", SECTIONS)
+        if section == "axis":
+            return self.low_near + self.near * self.tilt, self.sine
+        return self.low_near + 2 * self.near * self.tilt, self.sine + self.tilt
+
+    def slack(self, section: Section = "axis") -> Float[Array, "..."]:
+        """W − 2E of a section's worst line, summed so that it keeps its digits as γ → 0."""
+        length = self.far - self.near
+        if section == "axis":
+            return length * (self.sine + jnp.minimum(self.tilt, self.sine))
+        offset, slope = self.worst_line(section)
+        return length * slope - offset
+
+    def half_width(self, strength: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Half width, at z' = n', of the smallest P that encloses all 8 corners, world units.
+
+        Args:
+            strength: 1/n', per world unit; 0 is the uniform map.
+
+        Source: n'·tg φ'_x of warping, eq. 20, with the true opening instead of f·tg φ_x/f'.
+        """
+        near, far = self.near / (1 + strength * self.low_near), self.far / (1 + strength * self.low_far)
+        return self.tan_x * jnp.maximum(near, far)
+
+
+def strength_of(near_distance: ArrayLike, dtype: object = None) -> Float[Array, "..."]:
+    """1/n', the number by which a perspective warp bends; 0 is the uniform map.
+
+    Raises:
+        ValueError: If n' is not positive.
+    """
+    near_distance = as_float_array(near_distance, dtype)
+    return 1 / require_value(near_distance, near_distance > 0, "the virtual near distance n' must be positive")
+
+
+__all__ = ["SECTIONS", "LightFrustum", "Section", "strength_of"]

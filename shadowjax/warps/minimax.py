@@ -1,0 +1,104 @@
+"""Optimal virtual near distances in closed form: least M_z, least storage M_x·M_z, least max(M_x, M_z).
+
+Let the worst line have offsets E at the near and F at the far plane, let o be the offset of the far plane's lowest
+edge, and W the extent. With q = n',
+
+    M_z ∝ max((q + E)²/n, (q + F)²/f) · W/(q(q + W)),     M_x ∝ (q + E)/n · f/(q + o)   for q ≥ the equalising q.
+
+The far branch of M_z falls with q because W ≤ 2F. Its near branch has one minimum, at E·W/(W − 2E), or none.
+"""
+
+import jax.numpy as jnp
+
+from shadowjax._numerics import safe_divide, safe_sqrt
+from shadowjax._types import Array, Float
+from shadowjax.warps.light_frustum import LightFrustum, Section
+from shadowjax.warps.lispsm import equalising
+from shadowjax.warps.prediction import max_error_x, max_error_z
+from shadowjax.warps.roots import bisect
+
+
+def near_branch_minimum(frustum: LightFrustum, section: Section = "axis") -> Float[Array, "..."]:
+    """E·W/(W − 2E), where the near plane's z error is least; the uniform map where W ≤ 2E."""
+    offset, _ = frustum.worst_line(section)
+    return frustum.ratio(offset * frustum.extent, frustum.slack(section))
+
+
+def minimax(frustum: LightFrustum, section: Section = "axis") -> Float[Array, "..."]:
+    """The n' of least M_z, for any γ.
+
+    max(equalising n', near-branch minimum): the equalising one is the optimum while the near branch still falls there.
+    On the axis it is the source's n'(γ) for all γ ≥ γ_lim; below, it reaches ∞ like 1/γ without an ad-hoc fade. Over
+    the whole section it is the uniform map for tg γ ≤ n·tg φ/(f − n).
+
+    Args:
+        frustum: View and light.
+        section: "axis", as the source, or "whole", the whole vertical section.
+    """
+    return frustum.bounded(jnp.maximum(equalising(frustum, section), near_branch_minimum(frustum, section)))
+
+
+def least_storage(frustum: LightFrustum, section: Section = "whole") -> Float[Array, "..."]:
+    """The n' of least storage factor M_x·M_z, for any γ; the uniform map where nothing beats it.
+
+    Up to the equalising n' the product never rises (it is flat for γ = π/2). Beyond, its logarithmic derivative
+    3/(q + E) − 1/(q + o) − 1/q − 1/(q + W) has the sign of A·q² + 2B·q − E·o·W with A = o + W − 3E and
+    B = o·W − E(o + W): one positive root if A > 0, else none and the product falls all the way to the uniform map.
+
+    Args:
+        frustum: View and light.
+        section: "axis" or "whole" vertical section, over which both errors are taken.
+    """
+    offset, _ = frustum.worst_line(section)
+    low, extent = frustum.low_far, frustum.extent
+    a = low + extent - 3 * offset
+    b = low * extent - offset * (low + extent)
+    c = offset * low * extent
+    root = safe_sqrt(b * b + a * c)
+    # two forms of one root: the first loses digits where b > 0, the second where b < 0
+    stationary = jnp.where(b > 0, safe_divide(c, b + root), frustum.ratio(jnp.maximum(root - b, c * 0), a))
+    stationary = jnp.where(a > 0, stationary, frustum.uniform_near_distance)
+    return frustum.bounded(jnp.maximum(equalising(frustum, section), stationary))
+
+
+def balanced(
+    frustum: LightFrustum,
+    ratio_x: Float[Array, "..."] | float = 1.0,
+    ratio_z: Float[Array, "..."] | float = 1.0,
+    section: Section = "whole",
+) -> Float[Array, "..."]:
+    """The n' of least max(M_x, M_z) at given resolutions, for any γ; the uniform map where nothing beats it.
+
+    M_z falls up to its own minimax n' and rises beyond. For o > E, M_x rises from q = n(sin γ − tg φ cos γ) on: the
+    optimum is one of the two ends or the crossing between them, the root of a cubic (for γ = π/2 it is
+    n'/(n' + f − n) = √(n(f − n)/(2·tg φ_y)·ratio_z/ratio_x)/f). For o ≤ E, M_x falls everywhere: the optimum is M_z's
+    own, or the crossing beyond it, the root of a quadratic, or the uniform map.
+
+    Args:
+        frustum: View and light.
+        ratio_x: Image columns over map columns.
+        ratio_z: Image rows over map rows.
+        section: "axis" or "whole" vertical section, over which both errors are taken.
+    """
+    offset, _ = frustum.worst_line(section)
+    low, extent = frustum.low_far, frustum.extent
+    best_z = minimax(frustum, section)
+
+    def excess(log_q: Array) -> Array:
+        q = jnp.exp(log_q)
+        return jnp.log(max_error_z(frustum, q, section, ratio_z) / max_error_x(frustum, q, section, ratio_x))
+
+    # o > E: bisect the monotone excess between M_x's own optimum and M_z's
+    lowest = jnp.minimum(jnp.maximum(frustum.near * (frustum.sine - frustum.tilt), 1e-6 * best_z), best_z)
+    crossing = jnp.exp(bisect(excess, jnp.log(lowest), jnp.log(best_z)))
+    # o ≤ E: Q(q + E)(q + o) = P·q(q + W), larger root
+    p = frustum.far * ratio_x
+    q = extent * ratio_z / (2 * frustum.tan_y)
+    a, b, c = q - p, q * (offset + low) - p * extent, q * offset * low
+    larger = frustum.ratio(jnp.maximum(safe_sqrt(b * b - 4 * a * c) - b, offset * 0), 2 * a)
+    larger = jnp.where(a > 0, jnp.maximum(larger, best_z), frustum.uniform_near_distance)
+    falls = max_error_z(frustum, best_z, section, ratio_z) >= max_error_x(frustum, best_z, section, ratio_x)
+    return frustum.bounded(jnp.where(falls, best_z, jnp.where(low > offset, crossing, larger)))
+
+
+__all__ = ["balanced", "least_storage", "minimax", "near_branch_minimum"]

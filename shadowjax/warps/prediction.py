@@ -1,0 +1,111 @@
+"""Perspective aliasing error that a perspective warp predicts: m_x and m_z at a point, M_x and M_z over the frustum.
+
+Everything is written in 1/n', so that the uniform map (n' = ∞) is an ordinary value and loses no digits.
+"""
+
+import jax.numpy as jnp
+
+from shadowjax._types import Array, Float
+from shadowjax.warps.light_frustum import LightFrustum, Section
+
+
+def error_z(
+    frustum: LightFrustum,
+    near_distance: Float[Array, "..."],
+    depth: Float[Array, "..."],
+    height: Float[Array, "..."] | float = 0.0,
+    resolution_ratio: Float[Array, "..."] | float = 1.0,
+) -> Float[Array, "..."]:
+    """Perspective error along z': texel beam thickness over pixel beam thickness.
+
+    The texel's thickness is measured across the light (dz'), so the result is sin γ times the source's eq. 37, which
+    measures it along the view axis; only then does it reach eq. 53 as γ → 0.
+
+    Args:
+        frustum: View and light.
+        near_distance: Virtual near distance n', world units, > 0.
+        depth: Depth z of the point, world units, > 0.
+        height: Height of the point above the view axis, world units.
+        resolution_ratio: Image rows over map rows, res_cy/res_lt.
+
+    Source: warping, eq. 26 and eq. 37 · sin γ.
+    """
+    strength = 1 / near_distance
+    stretch = 1 + frustum.offset(depth, height) * strength
+    extent = frustum.extent
+    texel = extent * stretch * stretch / (1 + extent * strength)
+    return resolution_ratio * texel / (2 * depth * frustum.tan_y)
+
+
+def error_x(
+    frustum: LightFrustum,
+    near_distance: Float[Array, "..."],
+    depth: Float[Array, "..."],
+    height: Float[Array, "..."] | float = 0.0,
+    resolution_ratio: Float[Array, "..."] | float = 1.0,
+) -> Float[Array, "..."]:
+    """Perspective error along x with the smallest P that encloses the frustum.
+
+    Args:
+        frustum: View and light.
+        near_distance: Virtual near distance n', world units, > 0.
+        depth: Depth z of the point, world units, > 0.
+        height: Height of the point above the view axis, world units.
+        resolution_ratio: Image columns over map columns, res_cx/res_ls.
+
+    Source: warping, eq. 25 with the true opening of P; equal to eq. 25 for γ = π/2 and n' ≥ n.
+    """
+    strength = 1 / near_distance
+    texel = 2 * frustum.half_width(strength) * (1 + frustum.offset(depth, height) * strength)
+    return resolution_ratio * texel / (2 * depth * frustum.tan_x)
+
+
+def _worst(frustum: LightFrustum, strength: Float[Array, "..."], section: Section) -> tuple[Array, Array]:
+    """1 + offset/n' of the worst line at the near and at the far plane."""
+    offset, slope = frustum.worst_line(section)
+    return 1 + offset * strength, 1 + (offset + slope * (frustum.far - frustum.near)) * strength
+
+
+def max_error_z(
+    frustum: LightFrustum,
+    near_distance: Float[Array, "..."],
+    section: Section = "axis",
+    resolution_ratio: Float[Array, "..."] | float = 1.0,
+) -> Float[Array, "..."]:
+    """M_z, the largest z error: m_z is convex in depth, so it sits at the near or at the far plane.
+
+    Source: warping, eq. 29 and 37–39, with thickness across the light.
+    """
+    strength, extent = 1 / near_distance, frustum.extent
+    near, far = _worst(frustum, strength, section)
+    shape = jnp.maximum(near * near / frustum.near, far * far / frustum.far)
+    return resolution_ratio * extent / (1 + extent * strength) * shape / (2 * frustum.tan_y)
+
+
+def max_error_x(
+    frustum: LightFrustum,
+    near_distance: Float[Array, "..."],
+    section: Section = "axis",
+    resolution_ratio: Float[Array, "..."] | float = 1.0,
+) -> Float[Array, "..."]:
+    """M_x, the largest x error: m_x is monotone in depth, so it sits at the near or at the far plane.
+
+    Source: warping, eq. 28, with the true opening of P.
+    """
+    strength = 1 / near_distance
+    near, far = _worst(frustum, strength, section)
+    shape = jnp.maximum(near / frustum.near, far / frustum.far)
+    return resolution_ratio * frustum.half_width(strength) / frustum.tan_x * shape
+
+
+def storage_factor(
+    frustum: LightFrustum, near_distance: Float[Array, "..."], section: Section = "axis"
+) -> Float[Array, "..."]:
+    """S = M_x·M_z at equal resolutions: texels of a map without perspective aliasing per pixel of the image.
+
+    Source: warping, eq. 30–31, for any γ.
+    """
+    return max_error_x(frustum, near_distance, section) * max_error_z(frustum, near_distance, section)
+
+
+__all__ = ["error_x", "error_z", "max_error_x", "max_error_z", "storage_factor"]
