@@ -1,0 +1,48 @@
+"""Figures and tables of the sources as programs: each runs, states claims about its result, and draws it."""
+
+import difflib
+
+from experiments import (
+    mdsm_cost_5_6_to_5_8,
+    mdsm_fig_4_1,
+    mdsm_fig_5_2,
+    mdsm_fig_5_3,
+    mdsm_fig_5_4,
+    mdsm_figs_4_7_to_4_11,
+)
+from experiments.base import Claim, Experiment, Outcome, Unsuitable, perform
+from experiments.settings import default_path, read_config
+
+EXPERIMENTS: dict[str, Experiment] = {
+    "mdsm_fig_4_1": mdsm_fig_4_1,
+    "mdsm_figs_4_7_to_4_11": mdsm_figs_4_7_to_4_11,
+    "mdsm_fig_5_2": mdsm_fig_5_2,
+    "mdsm_fig_5_3": mdsm_fig_5_3,
+    "mdsm_fig_5_4": mdsm_fig_5_4,
+    "mdsm_cost_5_6_to_5_8": mdsm_cost_5_6_to_5_8,
+}
+
+
+def find(name: str) -> Experiment:
+    """The experiment of that name.
+
+    Raises:
+        ValueError: If there is none; the message names the nearest ones.
+    """
+    if name not in EXPERIMENTS:
+        near = difflib.get_close_matches(name, EXPERIMENTS, n=3, cutoff=0.4) or list(EXPERIMENTS)
+        raise ValueError(f"no experiment is called {name!r}; did you mean {', '.join(near)}? `all` runs every one")
+    return EXPERIMENTS[name]
+
+
+__all__ = [
+    "EXPERIMENTS",
+    "Claim",
+    "Experiment",
+    "Outcome",
+    "Unsuitable",
+    "default_path",
+    "find",
+    "perform",
+    "read_config",
+]

@@ -1,0 +1,255 @@
+"""What each command does, once its options are read."""
+
+import math
+import os
+import shlex
+import sys
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from shadowjax import io
+from shadowjax._checks import require
+from shadowjax.cli import options
+from shadowjax.cli.console import Steps, say, show_table
+from shadowjax.cli.scene_choice import open_scene
+
+
+def run(chosen: Any) -> int:
+    """Run the command whose options these are; the exit code."""
+    _keep_compiled()
+    target = getattr(chosen, "json", None)
+    if target not in (None, "-"):  # complain before the work, not after it
+        require(not Path(target).is_dir(), f"{target} is a folder; give --json the name of a file")
+        io.output_folder(Path(target).parent)
+    return _RUN[type(chosen)](chosen)
+
+
+def _keep_compiled() -> None:
+    """Keep compiled programs in the user's cache, so that the second run starts at once; leave a user's own choice."""
+    if jax.config.jax_compilation_cache_dir is not None:  # pyright: ignore[reportAttributeAccessIssue]
+        return
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    try:
+        folder = io.output_folder(Path(base) / "shadowjax" / "compiled")
+    except (ValueError, RuntimeError):
+        return  # no home, or a read-only one: compile every time
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+
+
+def _write_json(path: str | None, content: Any) -> bool:
+    """Write where `--json` says; whether standard output now belongs to the JSON."""
+    if path is None:
+        return False
+    if path == "-":
+        sys.stdout.write(io.json_text(content))
+        return True
+    io.write_json(path, content)
+    return False
+
+
+def report(chosen: options.Report) -> int:
+    """Make the page; 1 if an equation on it failed."""
+    from shadowjax.report import DEFAULT_TECHNIQUES, Settings, collect, write_report
+
+    io.output_folder(chosen.out)  # complain before the work, not after it
+    picture = chosen.picture
+    equations = () if chosen.equations == ("none",) else chosen.equations
+    settings = Settings(
+        chosen.techniques or DEFAULT_TECHNIQUES, picture.width, picture.height, picture.resolution, picture.samples,
+        equations, chosen.sweep,
+    )  # fmt: skip
+    scene = open_scene(chosen.scene, chosen.setting, picture)
+    with Steps("report") as steps:
+        command = shlex.join(["shadowjax", "report", chosen.scene, *_changed(chosen)])
+        findings = collect(scene, settings, command, progress=steps)
+        steps("writing the page")
+        path = write_report(findings, chosen.out)
+    say(f"{path}")
+    return 0 if findings.passed else 1
+
+
+def _changed(chosen: options.Report) -> list[str]:
+    """The flags of a report that differ from their defaults: what makes it again."""
+    words: list[str] = []
+    usual_report = options.Report()
+    groups = [(chosen, usual_report), (chosen.picture, usual_report.picture), (chosen.setting, usual_report.setting)]
+    for group, usual in groups:
+        for name, value in vars(group).items():
+            if name in ("scene", "picture", "setting", "config") or value == getattr(usual, name):
+                continue
+            flag = "--" + name.replace("_", "-")
+            if isinstance(value, bool):
+                words.append(flag if value else flag.replace("--", "--no-", 1))
+            else:
+                words += [flag, *map(str, value if isinstance(value, tuple) else (value,))]
+    return words
+
+
+def render(chosen: options.Render) -> int:
+    """Write one picture."""
+    from shadowjax.geometry.smoothing import smooth_corner_groups
+    from shadowjax.rays.casters import default_caster
+    from shadowjax.shading import shade, trace_surface, visibility_on
+    from shadowjax.techniques import make_technique
+
+    require(bool(chosen.output), "say where to write the picture: -o image.png")
+    require(
+        chosen.output.lower().endswith(".png"), f"pictures are written as PNG: -o must end in .png, not {chosen.output}"
+    )
+    io.output_folder(Path(chosen.output).parent)
+    picture, caster = chosen.picture, default_caster()
+    technique = make_technique(chosen.technique, picture.resolution, caster)
+    scene = open_scene(chosen.scene, chosen.setting, picture)
+    with Steps("render") as steps:
+        steps("camera rays")
+        groups = smooth_corner_groups(scene.mesh)
+        surface = trace_surface(
+            scene.mesh, scene.camera, picture.width, picture.height, caster, groups, picture.samples
+        )
+        steps(f"shadows by {chosen.technique}")
+        visibilities = tuple(
+            visibility_on(surface, technique.build(scene.mesh, light, scene.camera)) for light in scene.lights
+        )
+        image = np.asarray(shade(surface, scene.lights, visibilities, samples_per_axis=picture.samples))
+        path = io.write_png(chosen.output, image)
+    say(f"{path}: {picture.width} × {picture.height}, {scene.name}, {chosen.technique}")
+    return 0
+
+
+def compare(chosen: options.Compare) -> int:
+    """Measure techniques and show or write their records."""
+    from shadowjax.analysis.compare import compare as run_compare
+    from shadowjax.report.advisor import bytes_text
+    from shadowjax.techniques import TECHNIQUES
+
+    picture = chosen.picture
+    scene = open_scene(chosen.scene, chosen.setting, picture)
+    with Steps("compare") as steps:
+        records = run_compare(
+            scene, chosen.techniques or tuple(TECHNIQUES), width=picture.width, height=picture.height,
+            resolution=picture.resolution, samples_per_axis=picture.samples, progress=steps,
+        )  # fmt: skip
+    if _write_json(chosen.json, [record.to_json() for record in records]):
+        return 0
+    columns = (
+        "technique", "light error", "RMS error", "false light", "false shadow", "tones", "of", "memory", "build ms",
+        "lookup ms",
+    )  # fmt: skip
+    rows = [
+        (r.technique, f"{100 * r.light_rmse:.2f} %", f"{r.rmse:.4f}", f"{100 * r.false_lit:.2f} %",
+         f"{100 * r.false_shadow:.2f} %", r.tones, "∞" if r.tones_bound is None else r.tones_bound,
+         bytes_text(r.map_bytes), f"{r.build_ms:.1f}", f"{r.visibility_ms:.1f}")
+        for r in sorted(records, key=lambda record: record.light_rmse)
+    ]  # fmt: skip
+    title = (
+        f"{scene.name}: {picture.width} × {picture.height} pixels, maps of {picture.resolution}², against shadow rays"
+    )
+    show_table(title, columns, rows, numeric=range(1, len(columns)))
+    return 0
+
+
+def verify(chosen: options.Verify) -> int:
+    """Check equations; 1 if one fails."""
+    from shadowjax.analysis import equations
+
+    known = equations.ledger()
+    wanted = list(known.values())
+    for prefix in chosen.only:
+        require(
+            any(one.id.startswith(prefix) for one in known.values()),
+            f"no equation is called {prefix!r}; names begin with one of {', '.join(equations.SOURCES)}",
+        )
+    if chosen.only:
+        wanted = [one for one in wanted if one.id.startswith(chosen.only)]
+    with Steps(f"verify {len(wanted)} equations") as steps:
+        results = equations.verify(wanted, lambda result: steps(f"{result.id} {'' if result.passed else 'FAILED'}"))
+    failed = [result for result in results if not result.passed]
+    if not _write_json(chosen.json, equations.to_json(results)):
+        rows = [
+            (r.id, r.source, r.verdict, len(r.checks), "passed" if r.passed else "FAILED") for r in results
+        ]  # fmt: skip
+        show_table("equations", ("id", "source", "verdict", "checks", "result"), rows, numeric=(3,))
+        say(f"{len(results) - len(failed)} of {len(results)} passed")
+    for result in failed:
+        print(f"shadowjax: {result.id} ({result.source}) failed", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def scenes(chosen: options.Scenes) -> int:
+    """List the scenes."""
+    from shadowjax.geometry.scenes import SCENES
+
+    names = ("name", "description", "source", "default_triangles", "min_triangles", "max_triangles")
+    if _write_json(chosen.json, [{name: getattr(family, name) for name in names} for family in SCENES.values()]):
+        return 0
+    rows = [
+        (
+            family.name,
+            f"{family.default_triangles:,}",
+            f"{family.min_triangles:,} … {family.max_triangles:,}" if family.scales else "one size",
+            family.description,
+        )
+        for family in SCENES.values()
+    ]
+    show_table("built-in scenes", ("name", "triangles", "adjustable", "what it is"), rows, numeric=(1, 2))
+    return 0
+
+
+def _optimized(path: str | None, content: dict[str, Any]) -> int:
+    """Write an optimiser's answer, or show its numbers."""
+    if not _write_json(path, content):
+        rows = [(name, _short(value)) for name, value in content.items() if not isinstance(value, dict)]
+        show_table("", ("quantity", "value"), rows)
+    return 0
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(_short(one) for one in value)
+    return f"{value:.8g}" if isinstance(value, float) else str(value)
+
+
+def near_distance(chosen: options.NearDistance) -> int:
+    """Find n'; in float64, as the optimum is flat."""
+    from shadowjax.optimize.near_distance import near_distance as find
+
+    phi, gamma = _angles(chosen)
+    with jax.enable_x64(True):
+        content = find(chosen.near, chosen.far, phi, gamma, chosen.section).to_json()
+    return _optimized(chosen.json, content)
+
+
+def splits(chosen: options.Splits) -> int:
+    """Find splits, in float64."""
+    from shadowjax.optimize.splits import splits as find
+
+    phi, gamma = _angles(chosen)
+    with jax.enable_x64(True):
+        content = find(
+            chosen.near, chosen.far, phi, gamma, chosen.num_partitions, chosen.objective, chosen.warp
+        ).to_json()
+    return _optimized(chosen.json, content)
+
+
+def _angles(chosen: Any) -> tuple[float, float]:
+    """φ and γ in radians, once all numbers are in range."""
+    phi, gamma = chosen.phi_deg, chosen.gamma_deg
+    require(0 < chosen.near < chosen.far, f"--near and --far need 0 < near < far; got {chosen.near} and {chosen.far}")
+    require(0 < phi < 90, f"--phi-deg is half the angle of view and must lie in (0, 90) degrees; got {phi}")
+    require(0 <= gamma <= 90, f"--gamma-deg, between light and view, must lie in [0, 90] degrees; got {gamma}")
+    return math.radians(phi), math.radians(gamma)
+
+
+_RUN = {
+    options.Report: report,
+    options.Render: render,
+    options.Compare: compare,
+    options.Verify: verify,
+    options.Scenes: scenes,
+    options.NearDistance: near_distance,
+    options.Splits: splits,
+}

@@ -1,0 +1,192 @@
+"""Entry point: reads flags and TOML into options, runs the command, and turns errors into one line and an exit code."""
+
+import contextlib
+import dataclasses
+import difflib
+import io
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
+
+import tyro
+
+from shadowjax.cli import options
+
+DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+COMMANDS: Mapping[str, type] = {
+    "report": options.Report,
+    "render": options.Render,
+    "compare": options.Compare,
+    "verify": options.Verify,
+    "optimize near-distance": options.NearDistance,
+    "optimize splits": options.Splits,
+    "scenes": options.Scenes,
+}
+
+_Options = TypeVar("_Options")
+
+
+class BadInput(ValueError):
+    """Something the user gave cannot be used; the message says what to do."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Args:
+        argv: Words after the program's name; those of the process if None.
+
+    Returns:
+        0 done, 1 a claim or an equation failed, 2 bad input.
+    """
+    words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        if not words or words[0] in ("-h", "--help"):
+            print(_help())
+            return DONE if words else BAD_INPUT
+        name, rest = _command(words)
+        parsed = parse(COMMANDS[name], name, rest)
+        if parsed is None:
+            return DONE
+        from shadowjax.cli import commands
+
+        return commands.run(parsed)
+    except ValueError as error:
+        return _complain(str(error))
+    except (MemoryError, RuntimeError) as error:
+        if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
+            return _complain("not enough memory; lower --resolution, --width, --height or --samples")
+        raise
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader of our output has gone: nothing more to say
+        return DONE
+    except KeyboardInterrupt:
+        return INTERRUPTED
+
+
+def _complain(message: str) -> int:
+    """One line on standard error."""
+    print("shadowjax: " + " ".join(message.split()), file=sys.stderr)
+    return BAD_INPUT
+
+
+def _help() -> str:
+    """The commands, one line each."""
+    width = max(map(len, COMMANDS))
+    lines = [f"  {name:<{width}}  {(command.__doc__ or '').split(chr(10))[0]}" for name, command in COMMANDS.items()]
+    return "\n".join(
+        [
+            "usage: shadowjax COMMAND [SCENE] [options]",
+            "",
+            *lines,
+            "",
+            "SCENE is a built-in scene or a mesh file (OBJ, PLY, STL, GLB, ...).",
+            "Exit codes: 0 done, 1 a claim or an equation failed, 2 bad input.",
+            "`shadowjax COMMAND --help` lists the options of a command.",
+        ]
+    )
+
+
+def _command(words: list[str]) -> tuple[str, list[str]]:
+    """Name of the command, one word or two, and the words after it."""
+    for length in (2, 1):
+        name = " ".join(words[:length])
+        if name in COMMANDS:
+            return name, words[length:]
+    group = [name for name in COMMANDS if name.split()[0] == words[0]]
+    if group:
+        raise BadInput(f"{words[0]} needs one of {', '.join(name.split()[1] for name in group)}")
+    near = difflib.get_close_matches(words[0], COMMANDS, n=2)
+    hint = f"did you mean {' or '.join(near)}?" if near else f"the commands are {', '.join(COMMANDS)}"
+    raise BadInput(f"unknown command {words[0]!r}; {hint}")
+
+
+def parse(kind: type[_Options], name: str, words: Sequence[str]) -> _Options | None:
+    """Options of a command from flags, over those of the TOML file that `--config` names.
+
+    Args:
+        kind: Dataclass of the command.
+        name: Of the command.
+        words: Flags.
+
+    Returns:
+        The options; None where help was asked for and shown.
+
+    Raises:
+        BadInput: If a flag or a key is unknown or has a value that does not fit.
+    """
+    given = _tyro(kind, name, words, None)
+    path = getattr(given, "config", None)
+    if given is None or path is None:
+        return given
+    try:
+        base = _tyro(kind, name, _flags_of(path, kind), None)
+    except BadInput as error:
+        raise BadInput(f"{path}: {str(error).split('; see ')[0]}") from error
+    return _tyro(kind, name, words, base)
+
+
+def _tyro(kind: type[_Options], name: str, words: Sequence[str], default: _Options | None) -> _Options | None:
+    """Parse with tyro; its boxes on standard error become one line."""
+    prog, stream = f"shadowjax {name}", io.StringIO()
+    extra: dict[str, Any] = {} if default is None else {"default": default}
+    try:
+        with contextlib.redirect_stderr(stream):
+            return tyro.cli(kind, prog=prog, args=list(words), **extra)
+    except SystemExit as stop:
+        if stop.code in (None, 0):
+            return None
+        raise BadInput(f"{_plain(stream.getvalue())}; see `{prog} --help`") from None
+
+
+def _plain(box: str) -> str:
+    """The message of an error box: its first paragraph below the title, without frame, on one line."""
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", box)
+    lines = [line.strip().strip("│").strip() for line in plain.splitlines() if not line.lstrip().startswith(("╭", "╰"))]
+    paragraphs = [""]
+    for line in lines:
+        if line and line.strip("─-"):
+            paragraphs[-1] = f"{paragraphs[-1]} {line}".strip()
+        elif paragraphs[-1]:
+            paragraphs.append("")
+    # Where the terminal has no lines to draw with, the title is a paragraph instead of a part of the frame.
+    chosen = paragraphs if "╭" in plain else paragraphs[1:]
+    return next(iter(chosen), "").rstrip(".") or "the command line cannot be read"
+
+
+def _flags_of(path: str, kind: type) -> list[str]:
+    """The keys of a TOML file as flags of a command; its quick table for tests is left aside."""
+    from shadowjax.io import read_toml
+
+    known = _names(kind)
+    words, positional = [], []
+    for key, value in read_toml(path).items():
+        if key == "quick" and isinstance(value, dict):
+            continue
+        if key not in known or key == "config":
+            near = difflib.get_close_matches(key, known, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"the options are {', '.join(sorted(known))}"
+            raise BadInput(f"unknown option {key!r}; {hint}")
+        flag = "--" + key.replace("_", "-")
+        if isinstance(value, dict):
+            raise BadInput(f"option {key!r} must be a value, not a table")
+        if key == "scene":
+            positional.append(str(value))
+        elif isinstance(value, bool):
+            words.append(flag if value else flag.replace("--", "--no-", 1))
+        elif isinstance(value, list):
+            words += [flag, *map(str, value)]
+        else:
+            words += [flag, str(value)]
+    return [*positional, *words]
+
+
+def _names(kind: type) -> set[str]:
+    """Names of all options of a command, those of nested groups included."""
+    names: set[str] = set()
+    for item in dataclasses.fields(kind):
+        made = item.default_factory() if item.default_factory is not dataclasses.MISSING else None
+        names |= _names(type(made)) if dataclasses.is_dataclass(made) else {item.name}
+    return names

@@ -1,0 +1,181 @@
+"""What each command can be told: frozen dataclasses that map one to one to flags and to TOML."""
+
+# Light imports only: help must not wait for JAX.
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from tyro.conf import OmitArgPrefixes, Positional, arg
+
+DEFAULT_SCENE = "smooth-and-abrupt"
+
+Triple = tuple[float, float, float]
+_XYZ = arg(metavar="X Y Z")
+_NUMBER = arg(metavar="FLOAT")
+_WHOLE = arg(metavar="INT")
+_FILE = arg(metavar="FILE")
+
+
+@dataclass(frozen=True)
+class SceneOptions:
+    """Other light, camera and surroundings for any scene."""
+
+    light: Literal["directional", "spot", "point"] = "directional"
+    """Kind of light; a spot or point light stands outside the scene unless --light-position says where."""
+    light_direction: Annotated[Triple | None, _XYZ] = None
+    """The way the light travels; its length does not matter."""
+    light_azimuth_deg: Annotated[float | None, _NUMBER] = None
+    """Where the light stands: degrees from the viewer's side (+z) to the right (+x)."""
+    light_elevation_deg: Annotated[float | None, _NUMBER] = None
+    """How high the light stands: degrees above the horizon."""
+    light_position: Annotated[Triple | None, _XYZ] = None
+    """Where a spot or point light stands."""
+    camera_position: Annotated[Triple | None, _XYZ] = None
+    """Where the camera stands, world units."""
+    camera_target: Annotated[Triple | None, _XYZ] = None
+    """What the camera looks at; the middle of the scene if only its position is given."""
+    phi_deg: Annotated[float | None, _NUMBER] = None
+    """Half the vertical angle of view, degrees in (0, 90)."""
+    near: Annotated[float | None, _NUMBER] = None
+    """Near distance of the camera, world units."""
+    far: Annotated[float | None, _NUMBER] = None
+    """Far distance of the camera, world units."""
+    num_triangles: Annotated[int | None, _WHOLE] = None
+    """About how many triangles a built-in scene gets."""
+    up: Literal["auto", "y", "z"] = "auto"
+    """Up axis of a mesh file; auto takes z for STL and y for the rest."""
+    ground: bool = True
+    """Whether a mesh file gets a ground plane."""
+
+
+@dataclass(frozen=True)
+class PictureOptions:
+    """Size of the picture and of the maps."""
+
+    width: Annotated[int, _WHOLE] = 480
+    """Pixels across."""
+    height: Annotated[int, _WHOLE] = 360
+    """Pixels down."""
+    samples: Annotated[int, _WHOLE] = 1
+    """K: every pixel is the mean of K × K camera samples."""
+    resolution: Annotated[int, _WHOLE] = 512
+    """Texels along each side of a shadow map."""
+
+
+Techniques = Annotated[tuple[str, ...], arg(metavar="NAME ...")]
+
+
+@dataclass(frozen=True)
+class Report:
+    """Render, compare, analyse, recommend and verify: writes DIR/index.html and DIR/results.json."""
+
+    scene: Positional[Annotated[str, arg(metavar="SCENE")]] = DEFAULT_SCENE
+    """Name of a built-in scene, or a mesh file (OBJ, PLY, STL, GLB, ...)."""
+    out: Annotated[str, arg(metavar="DIR")] = "out"
+    """Folder to write into; other files in it stay as they are."""
+    techniques: Techniques = ()
+    """Techniques to show; a telling choice of nine by default."""
+    equations: Annotated[tuple[str, ...], arg(metavar="SOURCE ...")] = ("mdsm", "filtering", "stencil", "asm")
+    """Sources whose equations the page verifies; `none` leaves the section out."""
+    sweep: bool = True
+    """Whether the recommendation also measures half and double the map's resolution."""
+    config: Annotated[str | None, _FILE] = None
+    """TOML file with any of these options (names with underscores); flags win over it."""
+    picture: OmitArgPrefixes[PictureOptions] = field(default_factory=lambda: PictureOptions(resolution=256))
+    setting: OmitArgPrefixes[SceneOptions] = field(default_factory=SceneOptions)
+
+
+@dataclass(frozen=True)
+class Render:
+    """Render one picture as PNG."""
+
+    scene: Positional[Annotated[str, arg(metavar="SCENE")]] = DEFAULT_SCENE
+    """Name of a built-in scene, or a mesh file."""
+    output: Annotated[str, arg(aliases=["-o"], metavar="FILE")] = ""
+    """PNG file to write, or to replace; must be given."""
+    technique: Annotated[str, arg(metavar="NAME")] = "pcf-3x3"
+    """Shadow technique; `exact` traces a shadow ray for every sample."""
+    config: Annotated[str | None, _FILE] = None
+    """TOML file with any of these options (names with underscores); flags win over it."""
+    picture: OmitArgPrefixes[PictureOptions] = field(
+        default_factory=lambda: PictureOptions(width=640, height=480, samples=2, resolution=1024)
+    )
+    setting: OmitArgPrefixes[SceneOptions] = field(default_factory=SceneOptions)
+
+
+@dataclass(frozen=True)
+class Compare:
+    """Every technique against the exact shadow: error, tones, memory and time."""
+
+    scene: Positional[Annotated[str, arg(metavar="SCENE")]] = DEFAULT_SCENE
+    """Name of a built-in scene, or a mesh file."""
+    techniques: Techniques = ()
+    """Techniques to compare; all by default."""
+    json: Annotated[str | None, _FILE] = None
+    """File for the records, one for each technique; `-` writes to standard output and nothing else there."""
+    config: Annotated[str | None, _FILE] = None
+    """TOML file with any of these options (names with underscores); flags win over it."""
+    picture: OmitArgPrefixes[PictureOptions] = field(default_factory=PictureOptions)
+    setting: OmitArgPrefixes[SceneOptions] = field(default_factory=SceneOptions)
+
+
+@dataclass(frozen=True)
+class Verify:
+    """Check every equation of the ledger; exit code 1 if one fails."""
+
+    only: Annotated[tuple[str, ...], arg(metavar="ID ...")] = ()
+    """Sources (such as mdsm), equations, or beginnings of their names; all by default."""
+    json: Annotated[str | None, _FILE] = None
+    """File for the results; `-` writes to standard output and nothing else there."""
+
+
+@dataclass(frozen=True)
+class Scenes:
+    """List the built-in scenes."""
+
+    json: Annotated[str | None, _FILE] = None
+    """File for the list; `-` writes to standard output and nothing else there."""
+
+
+@dataclass(frozen=True)
+class NearDistance:
+    """The near distance n' of a warped shadow map with the least largest error."""
+
+    near: Annotated[float, _NUMBER] = 1.0
+    """Near distance of the view, world units."""
+    far: Annotated[float, _NUMBER] = 100.0
+    """Far distance of the view, world units."""
+    phi_deg: Annotated[float, _NUMBER] = 30.0
+    """Half the angle of view, degrees in (0, 90)."""
+    gamma_deg: Annotated[float, _NUMBER] = 90.0
+    """Angle between light and view, degrees in [0, 90]."""
+    section: Literal["axis", "whole"] = "axis"
+    """Where the error counts: along the view axis, or over the whole section of the view."""
+    json: Annotated[str | None, _FILE] = None
+    """File for the result; `-` writes to standard output and nothing else there."""
+    config: Annotated[str | None, _FILE] = None
+    """TOML file with any of these options (names with underscores); flags win over it."""
+
+
+@dataclass(frozen=True)
+class Splits:
+    """Where to cut the view in depth so that k maps waste the least storage."""
+
+    near: Annotated[float, _NUMBER] = 1.0
+    """Near distance of the view, world units."""
+    far: Annotated[float, _NUMBER] = 100.0
+    """Far distance of the view, world units."""
+    phi_deg: Annotated[float, _NUMBER] = 30.0
+    """Half the angle of view, degrees in (0, 90)."""
+    gamma_deg: Annotated[float, _NUMBER] = 90.0
+    """Angle between light and view, degrees in [0, 90]."""
+    num_partitions: Annotated[int, _WHOLE] = 4
+    """k, number of maps."""
+    objective: Literal["max", "sum"] = "max"
+    """Whether the largest map or their sum is made small."""
+    warp: Literal["uniform", "lispsm", "minimax"] = "uniform"
+    """Warp of each map."""
+    json: Annotated[str | None, _FILE] = None
+    """File for the result; `-` writes to standard output and nothing else there."""
+    config: Annotated[str | None, _FILE] = None
+    """TOML file with any of these options (names with underscores); flags win over it."""

@@ -1,0 +1,92 @@
+"""From names and flags to a scene: built-in or loaded, under the light and before the camera asked for."""
+
+import math
+from pathlib import Path
+
+from shadowjax._checks import require
+from shadowjax.cli.options import PictureOptions, SceneOptions
+from shadowjax.geometry import scenes, staging
+from shadowjax.geometry.mesh import load
+from shadowjax.geometry.scenes import Scene
+
+
+def open_scene(name: str, setting: SceneOptions, picture: PictureOptions) -> Scene:
+    """The scene that a command works on.
+
+    Args:
+        name: A key of the registry of scenes, or a mesh file.
+        setting: Light, camera and surroundings.
+        picture: Gives the aspect of the camera.
+
+    Raises:
+        ValueError: If there is no such scene or file, or an option is out of range or does not apply.
+    """
+    for size in ("width", "height", "samples", "resolution"):
+        value = getattr(picture, size)
+        require(value >= 1, f"--{size} must be at least 1; got {value}")
+    direction = _direction(setting)
+    if name in scenes.SCENES:
+        scene = _built_in(name, setting)
+        default = setting.light == "directional" and direction is None and setting.light_position is None
+        scene = scene if default else staging.relit(scene, setting.light, direction, setting.light_position)
+    else:
+        scene = _loaded(name, setting, direction)
+        if setting.light != "directional" or setting.light_position is not None:
+            scene = staging.relit(scene, setting.light, direction, setting.light_position)
+    return _before_camera(scene, setting, picture)
+
+
+def _built_in(name: str, setting: SceneOptions) -> Scene:
+    require(
+        setting.ground and setting.up == "auto",
+        f"--no-ground and --up are for mesh files; {name} is a built-in scene with its own ground",
+    )
+    return scenes.make(name, setting.num_triangles)
+
+
+def _loaded(name: str, setting: SceneOptions, direction: tuple[float, float, float] | None) -> Scene:
+    path = Path(name)
+    if not path.exists() and not path.suffix and path.name == name:
+        try:
+            scenes.family(name)
+        except ValueError as error:
+            raise ValueError(f"{error}; nor is there a mesh file of that name") from None
+    mesh = load(path)
+    require(
+        setting.num_triangles is None, f"--num-triangles is for built-in scenes; {name} has the triangles of its file"
+    )
+    up = setting.up if setting.up != "auto" else "z" if path.suffix.lower() == ".stl" else "y"
+    return staging.stage(mesh, path.name, up=up, ground=setting.ground, light_direction=direction)
+
+
+def _direction(setting: SceneOptions) -> tuple[float, float, float] | None:
+    """The way the light travels, as asked for; None where it was not."""
+    angles = (setting.light_azimuth_deg, setting.light_elevation_deg)
+    if angles == (None, None):
+        return setting.light_direction
+    require(
+        setting.light_direction is None,
+        "give the light either by --light-direction or by --light-azimuth-deg and --light-elevation-deg, not by both",
+    )
+    azimuth = staging.LIGHT_AZIMUTH_DEG if angles[0] is None else angles[0]
+    elevation = staging.LIGHT_ELEVATION_DEG if angles[1] is None else angles[1]
+    require(math.isfinite(azimuth), f"--light-azimuth-deg must be finite; got {azimuth}")
+    require(-90 <= elevation <= 90, f"--light-elevation-deg must lie in [-90, 90]; got {elevation}")
+    return staging.direction_of(azimuth, elevation)
+
+
+def _before_camera(scene: Scene, setting: SceneOptions, picture: PictureOptions) -> Scene:
+    phi = setting.phi_deg
+    require(
+        phi is None or 0 < phi < 90,
+        f"--phi-deg is half the vertical angle of view and must lie in (0, 90) degrees; got {phi}",
+    )
+    return staging.viewed(
+        scene,
+        picture.width / picture.height,
+        position=setting.camera_position,
+        target=setting.camera_target,
+        phi_y=None if phi is None else math.radians(phi),
+        near=setting.near,
+        far=setting.far,
+    )

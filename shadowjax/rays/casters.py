@@ -1,0 +1,18 @@
+"""The registry of ray casters, and the one that commands and reports use."""
+
+from collections.abc import Callable
+
+from shadowjax.rays.brute import BruteForce
+from shadowjax.rays.caster import Caster
+from shadowjax.rays.grid import Grid
+
+CASTERS: dict[str, Callable[[], Caster]] = {
+    "brute": BruteForce,
+    "grid": Grid,
+}
+DEFAULT_CASTER = "grid"
+
+
+def default_caster() -> Caster:
+    """The fastest caster that serves every scene and light."""
+    return CASTERS[DEFAULT_CASTER]()

@@ -1,0 +1,112 @@
+"""The fast caster for coherent rays: each triangle is drawn into the cells whose rays can meet it."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.custom_batching import sequential_vmap
+
+from shadowjax._types import Array, Float, Int
+from shadowjax.geometry.mesh import Mesh
+from shadowjax.rays._grid_blocks import search_blocks
+from shadowjax.rays._grid_project import depth_of_key, is_projective, project, view
+from shadowjax.rays.brute import BruteForce
+from shadowjax.rays.caster import Caster
+from shadowjax.rays.plane_map import Box
+from shadowjax.rays.ray import Hit, Rays, intersect
+from shadowjax.rays.ray_grid import RayGrid
+
+
+class Grid(Caster):
+    """Draws triangles into the grid of rays, as a rasteriser does, with the exact edge rule of every caster.
+
+    Time grows with triangles plus the cells that their boxes cover, not with rays × triangles; nothing is built
+    beforehand, so a new view or new vertices cost no more than the same ones again. No capacity can overflow. Rays of
+    a space that bends lines (a point light's octahedron), and rays without a grid, go to `others`.
+
+    Attributes:
+        others: The caster for rays that this one cannot draw.
+    """
+
+    others: Caster = eqx.field(default_factory=BruteForce)
+
+    def closest(self, mesh: Mesh, rays: Rays) -> Hit:
+        """First hit of arbitrary rays, by `others`."""
+        return self.others.closest(mesh, rays)
+
+    def closest_on_grid(self, mesh: Mesh, grid: RayGrid) -> Hit:
+        """First hit of every ray of a grid, shape (rows, cols); ties in depth go to the lowest triangle index.
+
+        Args:
+            mesh: Triangles, of which any may cross the near limit, lie behind the light, or have no area.
+            grid: Rays of one space; its plane map must keep the sides of the unit square straight.
+        """
+        if not is_projective(grid.space):
+            return self.others.closest_on_grid(mesh, grid)
+        _, face = _search(jax.lax.stop_gradient(mesh), jax.lax.stop_gradient(_unwrapped(grid)), True)
+        return intersect(mesh, grid.rays(), face)
+
+    def depth_on_grid(self, mesh: Mesh, grid: RayGrid) -> Float[Array, "rows cols"]:
+        """Depth alone, the fastest answer; its gradient is that of `closest_on_grid`.
+
+        Depth comes from the triangle's plane as it is drawn, and agrees with `closest_on_grid` to a few roundings.
+        """
+        if not is_projective(grid.space):
+            return self.others.closest_on_grid(mesh, grid).depth
+        return _depth(mesh, _unwrapped(grid))
+
+    def faces_on_grid(self, mesh: Mesh, grid: RayGrid) -> tuple[Float[Array, "rows cols"], Int[Array, "rows cols"]]:
+        """Depth as in `depth_on_grid`, and the triangle hit (−1 for a miss), without barycentrics."""
+        if not is_projective(grid.space):
+            hit = self.others.closest_on_grid(mesh, grid)
+            return hit.depth, hit.face
+        return _depth_and_face(mesh, _unwrapped(grid))
+
+
+def _unwrapped(grid: RayGrid) -> RayGrid:
+    """The grid with a plane map that merely wraps a `Box` replaced by it: affine maps need no table of cells."""
+    inner = getattr(grid.plane_map, "box", None)
+    return eqx.tree_at(lambda g: g.plane_map, grid, inner) if isinstance(inner, Box) else grid
+
+
+def _search(mesh: Mesh, grid: RayGrid, with_face: bool) -> tuple[Array, Array]:
+    """Depth, and face if asked for, of every ray; under `vmap` one view after the other, as its loops need."""
+
+    @sequential_vmap
+    def one(mesh: Mesh, grid: RayGrid) -> tuple[Array, Array]:
+        vertices, nearest = project(grid, mesh.vertices)
+        table = view(grid, nearest)
+        key, face = search_blocks(grid, table, vertices, mesh.faces, with_face)
+        depth = depth_of_key(grid, table, key)
+        return depth, jnp.zeros((), jnp.int32) if face is None else face
+
+    return one(mesh, grid)
+
+
+@jax.custom_jvp
+def _depth(mesh: Mesh, grid: RayGrid) -> Float[Array, "rows cols"]:
+    """Depth of every ray, differentiated through the one intersection."""
+    return _search(mesh, grid, False)[0]
+
+
+@_depth.defjvp
+def _depth_jvp(primals: tuple[Mesh, RayGrid], tangents: tuple[Mesh, RayGrid]) -> tuple[Array, Array]:
+    (depth, _), (tangent, _) = _depth_and_face_jvp(primals, tangents)
+    return depth, tangent
+
+
+@jax.custom_jvp
+def _depth_and_face(mesh: Mesh, grid: RayGrid) -> tuple[Array, Array]:
+    """Depth of every ray, differentiated through the one intersection, and its face."""
+    return _search(mesh, grid, True)
+
+
+@_depth_and_face.defjvp
+def _depth_and_face_jvp(
+    primals: tuple[Mesh, RayGrid], tangents: tuple[Mesh, RayGrid]
+) -> tuple[tuple[Array, Array], tuple[Array, Any]]:
+    face = _search(*jax.lax.stop_gradient(primals), True)[1]
+    depth, tangent = jax.jvp(lambda mesh, grid: intersect(mesh, grid.rays(), face).depth, primals, tangents)
+    return (depth, face), (tangent, np.zeros(face.shape, jax.dtypes.float0))

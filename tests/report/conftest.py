@@ -1,0 +1,18 @@
+"""A small report that several tests look at, made once."""
+
+import pytest
+
+from shadowjax.geometry.scenes import make
+from shadowjax.report import Settings, collect
+
+TINY = Settings(
+    techniques=("hard", "pcf-2x2", "3sm", "exact"), width=32, height=24, resolution=24, equations=("asm",), sweep=False
+)
+
+
+@pytest.fixture(scope="session")
+def findings():
+    steps = []
+    found = collect(make("sphere-over-plane"), TINY, "shadowjax report sphere-over-plane", progress=steps.append)
+    assert "hard at 24²" in steps
+    return found
