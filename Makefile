@@ -24,7 +24,7 @@ report: .venv/.installed ## shadows of the default scene, compared with the exac
 	$(BIN)/shadowjax report $(REPORT_ARGS)
 
 test: .venv/.installed ## the whole suite
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 lint: .venv/.installed ## ruff, pyright, import-linter
 	$(BIN)/ruff check .

@@ -242,6 +242,7 @@ def draw(result: Result) -> Figure:
     label(left, "fragments (thousands)", "depth fetches (millions)", "Counted, on eqs 5.3 and 5.5")
     label(middle, "fragments (thousands)", "processor time (ms)", "Measured on this machine")
     label(right, "fragments (thousands)", "processor time (ms)", "Measured, near the origin")
+    middle.set_ylim(top=1.35e3 * max(float(seconds.max()) for seconds in result.times.values()))  # room for the text
     for spot in (left, middle, right):
         spot.set_ylim(bottom=0)
         spot.set_xlim(left=-0.02 * spot.get_xlim()[1])

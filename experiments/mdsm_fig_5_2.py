@@ -66,10 +66,10 @@ class Config:
     scene: str = "smooth-and-abrupt"
     num_triangles: int = 2000
     resolution: int = 256
-    width: int = 320
-    height: int = 240
+    width: int = 480
+    height: int = 360
     detail: tuple[float, float, float] = (0.245, 0.55, 0.2)
-    detail_width: int = 96
+    detail_width: int = 120
 
     def __post_init__(self):
         sizes = self.resolution, self.width, self.height, self.detail_width

@@ -69,10 +69,10 @@ class Config:
     scene: str = "plant"
     num_triangles: int = 2000
     resolution: int = 256
-    width: int = 320
-    height: int = 240
+    width: int = 480
+    height: int = 360
     detail: tuple[float, float, float] = (0.36, 0.54, 0.2)
-    detail_width: int = 96
+    detail_width: int = 120
 
     def __post_init__(self):
         sizes = self.resolution, self.width, self.height, self.detail_width

@@ -57,11 +57,11 @@ class Config:
     scene: str = "curved-bodies"
     num_triangles: int = 2000
     resolution: int = 256
-    width: int = 320
-    height: int = 240
+    width: int = 480
+    height: int = 360
     upper: tuple[float, float, float] = (0.43, 0.43, 0.2)
     lower: tuple[float, float, float] = (0.67, 0.615, 0.2)
-    detail_width: int = 96
+    detail_width: int = 120
 
     def __post_init__(self):
         sizes = self.resolution, self.width, self.height, self.detail_width

@@ -5,15 +5,18 @@ from typing import Any
 
 from sphinx.application import Sphinx
 
-CODE = re.compile(r"(``[^`]+``|`[^`]+`)")
+CODE = re.compile(r"(``[^`]+``|`[^`]+`|(?<![\w*\"'])\*[A-Za-z][^*]*[A-Za-z]\*(?![\w*]))")
+# What a signature shows of the package's ArrayLike, with or without the modules of its parts.
+PARTS = ("Array", "ndarray", "bool", "number", "bool", "int", "float", "complex", r"Sequence\[[\w.~]*Any\]")
+ARRAY_LIKE = re.compile(r" \| ".join(rf"[\w.~]*{part}" for part in PARTS))
 
 
 def to_rst(line: str) -> str:
-    """One line with its code in double backticks and all else that would be read as markup escaped."""
+    """One line with code in double backticks, *emphasis* kept, and all else that would be read as markup escaped."""
     parts = CODE.split(line)
     for index, part in enumerate(parts):
         if index % 2:
-            parts[index] = f"``{part.strip('`')}``"
+            parts[index] = part if part.startswith("*") else f"``{part.strip('`')}``"
         else:
             escaped = re.sub(r"([*|`])", r"\\\1", part)
             parts[index] = re.sub(r"(?<=\w)_(?!\w)", r"\\_", escaped)
@@ -31,7 +34,8 @@ def _escape_types(app: Sphinx, what: str, name: str, obj: Any, options: Any, lin
 
 def short_types(words: str) -> str:
     """Annotations as they are written in the code: Float[Array, "*points 3"]."""
-    return words.replace("jaxtyping.", "").replace("jaxlib._jax.", "").replace("jax.Array", "Array")
+    words = words.replace("jaxtyping.", "").replace("jaxlib._jax.", "").replace("jax.Array", "Array")
+    return ARRAY_LIKE.sub("ArrayLike", words)
 
 
 def _shorten_signature(

@@ -54,6 +54,7 @@ class Room(SphinxDirective):
                 "",
                 f".. automodule:: {name}",
                 "   :members:",
+                "   :ignore-module-all:",
                 "   :show-inheritance:",
                 "",
             ]

@@ -51,6 +51,13 @@ def _write_json(path: str | None, content: Any) -> bool:
     return False
 
 
+def _caster(picture: options.PictureOptions) -> Any:
+    """The caster asked for."""
+    from shadowjax.rays.casters import default_caster, make_caster
+
+    return default_caster() if picture.caster is None else make_caster(picture.caster)
+
+
 def report(chosen: options.Report) -> int:
     """Make the page; 1 if an equation on it failed."""
     from shadowjax.report import DEFAULT_TECHNIQUES, Settings, collect, write_report
@@ -62,10 +69,11 @@ def report(chosen: options.Report) -> int:
         chosen.techniques or DEFAULT_TECHNIQUES, picture.width, picture.height, picture.resolution, picture.samples,
         equations, chosen.sweep,
     )  # fmt: skip
+    caster = _caster(picture)
     scene = open_scene(chosen.scene, chosen.setting, picture)
     with Steps("report") as steps:
         command = shlex.join(["shadowjax", "report", chosen.scene, *_changed(chosen)])
-        findings = collect(scene, settings, command, progress=steps)
+        findings = collect(scene, settings, command, caster, steps)
         steps("writing the page")
         path = write_report(findings, chosen.out)
     say(f"{path}")
@@ -92,7 +100,6 @@ def _changed(chosen: options.Report) -> list[str]:
 def render(chosen: options.Render) -> int:
     """Write one picture."""
     from shadowjax.geometry.smoothing import smooth_corner_groups
-    from shadowjax.rays.casters import default_caster
     from shadowjax.shading import shade, trace_surface, visibility_on
     from shadowjax.techniques import make_technique
 
@@ -101,7 +108,7 @@ def render(chosen: options.Render) -> int:
         chosen.output.lower().endswith(".png"), f"pictures are written as PNG: -o must end in .png, not {chosen.output}"
     )
     io.output_folder(Path(chosen.output).parent)
-    picture, caster = chosen.picture, default_caster()
+    picture, caster = chosen.picture, _caster(chosen.picture)
     technique = make_technique(chosen.technique, picture.resolution, caster)
     scene = open_scene(chosen.scene, chosen.setting, picture)
     with Steps("render") as steps:
@@ -126,12 +133,12 @@ def compare(chosen: options.Compare) -> int:
     from shadowjax.report.advisor import bytes_text
     from shadowjax.techniques import TECHNIQUES
 
-    picture = chosen.picture
+    picture, caster = chosen.picture, _caster(chosen.picture)
     scene = open_scene(chosen.scene, chosen.setting, picture)
     with Steps("compare") as steps:
         records = run_compare(
             scene, chosen.techniques or tuple(TECHNIQUES), width=picture.width, height=picture.height,
-            resolution=picture.resolution, samples_per_axis=picture.samples, progress=steps,
+            resolution=picture.resolution, samples_per_axis=picture.samples, caster=caster, progress=steps,
         )  # fmt: skip
     if _write_json(chosen.json, [record.to_json() for record in records]):
         return 0

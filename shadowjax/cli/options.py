@@ -60,6 +60,8 @@ class PictureOptions:
     """K: every pixel is the mean of K × K camera samples."""
     resolution: Annotated[int, _WHOLE] = 512
     """Texels along each side of a shadow map."""
+    caster: Annotated[str | None, arg(metavar="NAME")] = None
+    """Ray caster, brute or grid; the fastest by default. All give the same pictures."""
 
 
 Techniques = Annotated[tuple[str, ...], arg(metavar="NAME ...")]

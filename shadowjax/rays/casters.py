@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from shadowjax._checks import require_choice
 from shadowjax.rays.brute import BruteForce
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.grid import Grid
@@ -15,4 +16,13 @@ DEFAULT_CASTER = "grid"
 
 def default_caster() -> Caster:
     """The fastest caster that serves every scene and light."""
-    return CASTERS[DEFAULT_CASTER]()
+    return make_caster(DEFAULT_CASTER)
+
+
+def make_caster(name: str) -> Caster:
+    """A caster by its registered name.
+
+    Raises:
+        ValueError: If there is none of that name.
+    """
+    return CASTERS[require_choice(name, "caster", CASTERS)]()

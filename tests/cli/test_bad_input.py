@@ -43,6 +43,7 @@ FLAGS = {
     "light elevation": ([*RENDER, "--light-elevation-deg", "91"], "[-90, 90]; got 91"),
     "position of the sun": ([*RENDER, "--light-position", "0", "9", "0"], "choose light spot or point"),
     "kind of light": ([*RENDER, "--light", "torch"], "--light"),
+    "caster": ([*RENDER, "--caster", "slow"], "caster must be one of 'brute', 'grid'"),
     "triangles": ([*RENDER, "--num-triangles", "1"], "num_triangles"),
     "ground of a built-in scene": ([*RENDER, "--no-ground"], "for mesh files"),
     "no output": (["render", "cubes"], "-o image.png"),

@@ -28,7 +28,7 @@ def test_report_of_a_mesh_file(tmp_path):
     out = tmp_path / "out"
     done = shadowjax(
         "report", str(mesh), "--out", str(out), "--width", "32", "--height", "24", "--resolution", "24",
-        "--techniques", "hard", "--equations", "none", "--no-sweep",
+        "--techniques", "hard", "--equations", "none", "--no-sweep", "--caster", "brute",
         JAX_COMPILATION_CACHE_DIR=str(ROOT / ".jax_cache"),
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

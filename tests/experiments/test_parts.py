@@ -24,6 +24,7 @@ def test_an_edge_at_0_degrees_lies_along_the_rows_and_at_90_along_the_columns():
     assert (along == along[:, :1]).all()
     assert (across == across[:1]).all()
     assert set(along[:, 0]) == set(across[0]) == {NEAR, FAR}
+    assert (occluder_maps(17, 90.0, np.full(1, 0.5), 1.0) == NEAR).sum() == 17
 
 
 @pytest.mark.parametrize("angle", [0.0, 30.0, 45.0, 90.0, 120.0])

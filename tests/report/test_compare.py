@@ -7,6 +7,7 @@ import pytest
 from shadowjax.analysis.compare import View, look, measure, record, timed
 from shadowjax.geometry.scenes import make
 from shadowjax.geometry.staging import relit
+from shadowjax.rays.brute import BruteForce
 from shadowjax.shading import Surface
 from shadowjax.techniques import Shadows, make_technique
 
@@ -73,7 +74,9 @@ def test_exact_against_itself_and_soft_against_exact(findings):
 
 
 def test_supersampling_keeps_shapes():
-    found = measure(make(SCENE), ("hard",), width=16, height=12, resolution=24, samples_per_axis=2, repeats=1)
+    found = measure(
+        make(SCENE), ("hard",), width=16, height=12, resolution=24, samples_per_axis=2, repeats=1, caster=BruteForce()
+    )
     assert found.visibilities[0].shape == (24, 32)
     assert found.view.per_pixel(found.visibilities[0]).shape == (12, 16)
 
@@ -97,4 +100,4 @@ def test_bad_names(names, message):
 
 def test_nothing_in_the_light_is_said():
     with pytest.raises(ValueError, match="turn the camera or the light"):
-        look(relit(make("plate-over-plane"), direction=(0.0, 1.0, 0.0)), 16, 12)
+        look(relit(make("plate-over-plane"), direction=(0.0, 1.0, 0.0)), 16, 12, BruteForce())
