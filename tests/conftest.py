@@ -1,4 +1,4 @@
-"""Settings of every test: float64 at hand, strict promotion, NaN debugging, checked annotations, one compilation cache."""
+"""Settings of every test: float64 at hand, strict promotion, NaN debugging, checked annotations, one cache."""
 
 import os
 from pathlib import Path
