@@ -10,8 +10,8 @@ from shadowjax.rays.ray_grid import RayGrid
 
 UNITS = ("world", "texel", "slope")
 
-# A receiver steeper than this many texels of depth for a texel across is dark in shading anyway.
-MAX_SLOPE = 64.0
+# Light that grazes at less than 4° leaves a surface dark anyway; a larger bias there would only let light through.
+MAX_SLOPE = 16.0
 
 
 class Bias(eqx.Module):
@@ -71,7 +71,7 @@ def depth_slope(grid: RayGrid, points: Points, normals: Points) -> Float[Array, 
         normals: Their unit normals.
 
     Returns:
-        Non-negative depth, limited to 64 texels: the limit of a surface parallel to the light.
+        Non-negative depth, limited to 16 texels (an incidence of 86°), also where the surface is parallel to the light.
     """
     across, down = grid.cell_vectors(points)
     cosine = jnp.abs(dot(normals, grid.space.to_source(points)))

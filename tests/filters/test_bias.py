@@ -7,7 +7,7 @@ import pytest
 from shapes import above, lights, plate_over_plane
 
 from shadowjax import Bias
-from shadowjax.filters.bias import depth_slope, texel_size
+from shadowjax.filters.bias import MAX_SLOPE, depth_slope, texel_size
 from shadowjax.partitions.whole import Whole
 
 UP = jnp.asarray([0.0, 1.0, 0.0])
@@ -63,7 +63,7 @@ def test_slope_is_bounded_at_grazing_light_and_its_gradient_finite():
     grazing = jnp.broadcast_to(sideways / jnp.linalg.norm(sideways), SPOTS.shape)
     slope = depth_slope(grid, SPOTS, grazing)
     assert np.isfinite(slope).all()
-    np.testing.assert_array_less(slope, 64.001 * texel_size(grid, SPOTS))
+    np.testing.assert_allclose(slope, MAX_SLOPE * texel_size(grid, SPOTS), rtol=1e-12)
     gradient = jax.grad(lambda n: jnp.sum(depth_slope(grid, SPOTS, n)))(grazing)
     assert np.isfinite(gradient).all()
     value = jax.grad(lambda v: jnp.sum(Bias(v, "slope").in_world(grid, SPOTS, grazing)))(jnp.asarray(0.5))

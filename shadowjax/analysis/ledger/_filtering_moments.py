@@ -3,6 +3,7 @@
 import math
 import re
 from fractions import Fraction
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -54,7 +55,7 @@ def _markov(inputs: Inputs) -> float:
     mean, variance = _central_moments(inputs)
     delta = inputs.number("d") - mean
     # The bound has one minimum over u ≥ 0; u = tan(v) brings it onto a finite interval.
-    found = optimize.minimize_scalar(
+    found: Any = optimize.minimize_scalar(
         lambda v: (variance + math.tan(v) ** 2) / (delta + math.tan(v)) ** 2,
         bounds=(0, math.pi / 2 - 1e-6), method="bounded", options={"xatol": 1e-10},
     )  # fmt: skip

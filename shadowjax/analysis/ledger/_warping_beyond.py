@@ -1,6 +1,7 @@
 """Ledger beyond the warping chapter: optimal n' in closed form, what the published n' lose, and best slices."""
 
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -44,7 +45,7 @@ def _map_worst(view: LightFrustum, distance: float, section: Section) -> float:
 def _golden(i: Inputs, section: Section) -> tuple[float, float]:
     """n' and M_z of the numeric minimax of the matrix map; at a kink the search is good to 1e-8 and no more."""
     view = frustum(i)
-    found = minimize_scalar(
+    found: Any = minimize_scalar(
         lambda x: _map_worst(view, math.exp(x), section),
         bounds=(math.log(1e-4 * float(view.near)), math.log(1e4 * float(view.far))), method="bounded",
         options={"xatol": 1e-11, "maxiter": 300},
