@@ -12,14 +12,13 @@ from shadowjax._checks import require, require_int
 from shadowjax.analysis.metrics import rmse
 from shadowjax.analysis.tones import count_tones
 from shadowjax.filters.base import Filter
-from shadowjax.filters.bias import Bias
 from shadowjax.filters.hard import Hard
 from shadowjax.geometry import scenes
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.smoothing import smooth_corner_groups
 from shadowjax.rays.casters import default_caster
 from shadowjax.shading import Surface, shade, trace_surface, valid_receivers, visibility_on
-from shadowjax.techniques import Exact, MappedShadows, ShadowMapping, Shadows
+from shadowjax.techniques import Exact, ShadowMapping, Shadows
 
 Image = Float[np.ndarray, "rows cols"]
 Mask = Bool[np.ndarray, "rows cols"]
@@ -69,10 +68,7 @@ class Stage:
 
     def shadows(self, filter_: Filter) -> Shadows:
         """A filter over the one map, with the bias that frees a plane of acne for it, as `ShadowMapping` takes."""
-        base = self.hard
-        planes = tuple(_prepare(filter_, shadow_map.depth) for shadow_map in base.maps)
-        bias = Bias(jnp.asarray(filter_.reach, jnp.float32), "slope")
-        return MappedShadows(filter_, base.partition, base.camera, base.maps, planes, bias)
+        return self.hard.with_filter(filter_)
 
     def visibility(self, filter_: Filter, view: View) -> Image:
         """Visibility of every pixel of a view."""
@@ -86,11 +82,6 @@ class Stage:
 # Compiled as wholes; step by step they would be dozens of small programs.
 _valid = eqx.filter_jit(valid_receivers)
 _rmse = eqx.filter_jit(rmse)
-
-
-@eqx.filter_jit
-def _prepare(filter_: Filter, depth):
-    return filter_.prepare(depth)
 
 
 def close_up(camera: Camera, part: CloseUp) -> Camera:

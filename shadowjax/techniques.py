@@ -83,16 +83,22 @@ class ShadowMapping(Technique):
         """Cast the maps and let the filter prepare them."""
         grids = _grids(self.partition, mesh, light, camera, self.resolution)
         maps = tuple(build_shadow_map(self.caster, mesh, grid) for grid in grids)
-        bias = self.bias
-        if bias is None:
-            bias = Bias(jnp.asarray(self.filter.reach, mesh.vertices.dtype), "slope")
-        planes = tuple(_planes(self.filter, shadow_map.depth) for shadow_map in maps)
-        return MappedShadows(self.filter, self.partition, camera, maps, planes, bias)
+        return _read_with(self.filter, self.partition, camera, maps, self.bias)
 
     @property
     def num_tones(self) -> int | None:
         """The filter's bound."""
         return self.filter.num_tones
+
+
+def _read_with(
+    filter_: Filter, partition: Partition, camera: Camera, maps: tuple[ShadowMap, ...], bias: Bias | None
+) -> "MappedShadows":
+    """Cast maps prepared for a filter, with the bias that frees a plane of acne for it where none is given."""
+    if bias is None:
+        bias = Bias(jnp.asarray(filter_.reach, maps[0].depth.dtype), "slope")
+    planes = tuple(_planes(filter_, shadow_map.depth) for shadow_map in maps)
+    return MappedShadows(filter_, partition, camera, maps, planes, bias)
 
 
 # The steps of `build` are compiled one by one: techniques that differ in their filter share the compiled caster.
@@ -135,6 +141,10 @@ class MappedShadows(Shadows):
             result = value if region is None else jnp.where(region == index, value, result)
         facing = dot(normals, grids[0].space.to_source(points)) > 0
         return jnp.where(facing, result, jnp.zeros_like(result))
+
+    def with_filter(self, filter_: Filter, bias: Bias | None = None) -> "MappedShadows":
+        """The same maps read with another filter; its own default bias if none is given."""
+        return _read_with(filter_, self.partition, self.camera, self.maps, bias)
 
     def lookup(self, shadow_map: ShadowMap, points: Points, normals: Points) -> Lookup:
         """Where points read one map, and the bias of each."""

@@ -138,3 +138,13 @@ def test_bias_is_checked():
         Bias.create(1.0, "metres")
     with jax.debug_nans(False), pytest.raises(ValueError, match="finite"):
         Bias.create(float("nan"))
+
+
+def test_with_filter_reads_the_same_maps_with_that_filters_own_bias(built):
+    points, normals = floor_points(jnp.float64, num=16)
+    other = built["hard"].with_filter(make_technique("3sm+pcf-3x3").filter)
+    assert other.maps is built["hard"].maps
+    expected = built["3sm+pcf-3x3"]
+    np.testing.assert_array_equal(visibility(other, points, normals), visibility(expected, points, normals))
+    biased = built["hard"].with_filter(Hard(), Bias.create(5.0, "world"))
+    assert float(jnp.min(visibility(biased, points, normals))) == 1
