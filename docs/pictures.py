@@ -71,10 +71,12 @@ def draw(large: np.ndarray, crops: list[np.ndarray], tones: list[int | None]) ->
     return figure
 
 
-def save(png: bytes, target: Path, reduce: bool) -> None:
-    """Write a picture without transparency, with 256 colours if `reduce`."""
+def save(png: bytes, target: Path) -> None:
+    """Write a picture without transparency; one of more than 200 kB is a plot, and loses nothing with 256 colours."""
     image = Image.open(io.BytesIO(png)).convert("RGB")
-    (image.quantize(256) if reduce else image).save(target, optimize=True)
+    image.save(target, optimize=True)
+    if target.stat().st_size > 200_000:
+        image.quantize(256).save(target, optimize=True)
     print(f"{target.name}: {image.width} × {image.height}, {target.stat().st_size // 1024} KiB")
 
 
@@ -83,7 +85,7 @@ def front() -> None:
     matplotlib.rcParams["font.family"] = "DejaVu Sans"
     buffer = io.BytesIO()
     draw(*pictures()).savefig(buffer, dpi=200, format="png")
-    save(buffer.getvalue(), STATIC / "front.png", reduce=False)
+    save(buffer.getvalue(), STATIC / "front.png")
 
 
 def keep(source: Path) -> None:
@@ -91,7 +93,7 @@ def keep(source: Path) -> None:
     target = STATIC / "gallery"
     target.mkdir(exist_ok=True)
     for record in sorted(source.glob("*.json")):
-        save(record.with_suffix(".png").read_bytes(), target / f"{record.stem}.png", reduce=True)
+        save(record.with_suffix(".png").read_bytes(), target / f"{record.stem}.png")
         claims = json.loads(record.read_text())["claims"]
         (target / record.name).write_text(json.dumps({"claims": claims}, ensure_ascii=False, indent=1) + "\n")
 
