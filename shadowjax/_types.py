@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jaxtyping
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Array, Bool, Float, Int, PyTree, UInt
 
 # What users give where an array is wanted.
 ArrayLike = jaxtyping.ArrayLike | Sequence[Any]
@@ -46,6 +46,6 @@ def cast(tree: _Tree, dtype: Any) -> _Tree:
 
 
 __all__ = [
-    "Array", "ArrayLike", "Bool", "Float", "Int", "Points", "PyTree", "Scalar", "Vector2", "Vector3",
+    "Array", "ArrayLike", "Bool", "Float", "Int", "Points", "PyTree", "Scalar", "UInt", "Vector2", "Vector3",
     "as_float_array", "cast", "default_dtype",
 ]  # fmt: skip

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from shadowjax._checks import concrete, require, require_finite, require_value
-from shadowjax._numerics import dot, norm, normalize
+from shadowjax._numerics import dot, norm, normalize, rotate
 from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, Vector3, as_float_array
 from shadowjax.geometry.transforms import view_frame
 
@@ -106,7 +106,7 @@ class Camera(eqx.Module):
 
     def to_view(self, points: Points) -> Points:
         """World points in camera coordinates: x right, y up, z along the view."""
-        return (points - self.position) @ self.rotation.T
+        return rotate(points - self.position, self.rotation)
 
     def frustum_corners(self) -> Float[Array, "8 3"]:
         """World positions of the corners: the near four, then the far four, each (−,−), (+,−), (+,+), (−,+)."""

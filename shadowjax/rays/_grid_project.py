@@ -1,4 +1,4 @@
-"""A grid's view of a mesh: plane coordinates of vertices, keys that order hits, tables of the cells."""
+"""A grid's view of a mesh: vertices on its plane, keys that order hits, the cells a vertex bounds, tables of cells."""
 
 from typing import Any, NamedTuple
 
@@ -10,17 +10,11 @@ from shadowjax.rays.light_space import DirectionalSpace, LightSpace, Perspective
 from shadowjax.rays.plane_map import Box, PlaneMap
 from shadowjax.rays.ray_grid import RayGrid
 
-# Nearest w that a perspective view divides by, in units of the farthest coordinate of the scene.
+# Nearest w that a perspective view divides by, in units of the far limit.
 NEAREST = 1e-6
 
-Triple = tuple[Array, Array, Array]
-
-_ONE_AXIS = lax.GatherDimensionNumbers(offset_dims=(), collapsed_slice_dims=(0,), start_index_map=(0,))
-
-
-def take(array: Array, index: Int[Array, "n"]) -> Array:
-    """array[index] for indices known to be in range, without the wrap of negative ones that slows a gather down."""
-    return lax.gather(array, index[:, None], _ONE_AXIS, (1,), mode="promise_in_bounds")
+# Rows of a vertex's bounds: first and last column, first and last row that a triangle with this corner may touch.
+FIRST_COL, LAST_COL, FIRST_ROW, LAST_ROW = range(4)
 
 
 def never(dtype: Any) -> float:
@@ -37,19 +31,16 @@ class Vertices(NamedTuple):
     """Vertices in the coordinates of a view.
 
     Attributes:
-        x, y, w: Homogeneous plane coordinates; the plane position is (x/w, y/w).
-        plane: Plane position as the complex number u + iv, so that one gather fetches both.
-        cell: Grid position likewise; None for an affine plane map, where it follows from `plane`.
-        key: What orders hits along a ray and is affine over a triangle: depth for parallel rays, −1/w for rays through
-            a point. `never` for a vertex at or behind that point.
+        plane: Rows u, v and key. The key orders hits along a ray and is affine over a triangle on the plane: depth for
+            parallel rays, −1/w for rays through a point; `never` for a vertex at or behind that point.
+        bounds: Rows of the cells that a triangle's box is made of, see `FIRST_COL`. The box of a triangle is the least
+            first and the largest last of its corners. A corner that needs the general test (before the start of the
+            rays, or where the plane map is not regular) has `general_mark` as its firsts; one before the start also as
+            its lasts, which shows triangles that lie wholly there.
     """
 
-    x: Float[Array, "vertices"]
-    y: Float[Array, "vertices"]
-    w: Float[Array, "vertices"]
-    plane: Array
-    cell: Array | None
-    key: Float[Array, "vertices"]
+    plane: Float[Array, "3 vertices"]
+    bounds: Int[Array, "4 vertices"]
 
 
 class View(NamedTuple):
@@ -73,8 +64,18 @@ class View(NamedTuple):
     margin: Float[Array, "2"]
 
 
-def project(grid: RayGrid, vertices: Float[Array, "vertices 3"]) -> tuple[Vertices, Scalar]:
-    """Vertices in view coordinates, and the smallest w that counts as in front.
+def bounds_dtype(grid: RayGrid) -> Any:
+    """Integers that hold every index of a cell: short ones halve what the loops read."""
+    return jnp.int16 if max(grid.num_rows, grid.num_cols) < 2**15 - 2 else jnp.int32
+
+
+def general_mark(dtype: Any) -> int:
+    """The first cell of a corner that needs the general test."""
+    return int(jnp.iinfo(dtype).min)
+
+
+def project(grid: RayGrid, vertices: Float[Array, "vertices 3"]) -> Float[Array, "3 vertices"]:
+    """Rows x, y, w of vertices, on the plane at (x/w, y/w); for parallel rays, on the plane at (x, y) and w is depth.
 
     Sums are written out: a matrix product is slower here and may run at a lower precision on an accelerator.
     """
@@ -82,31 +83,42 @@ def project(grid: RayGrid, vertices: Float[Array, "vertices 3"]) -> tuple[Vertic
     assert isinstance(space, DirectionalSpace | PerspectiveSpace)
     origin = space.origin if isinstance(space, DirectionalSpace) else space.position
     offset = [vertices[:, axis] - origin[axis] for axis in range(3)]
-    local = [offset[0] * row[0] + offset[1] * row[1] + offset[2] * row[2] for row in space.frame]
-    beyond = never(vertices.dtype)
-    if isinstance(space, DirectionalSpace):
-        x, y, depth = local[0], local[2], -local[1]
-        w = jnp.ones_like(x)
-        nearest = jnp.ones((), x.dtype)
-        plane, key = lax.complex(x, y), depth
+    x, y, z = (offset[0] * row[0] + offset[1] * row[1] + offset[2] * row[2] for row in space.frame)
+    return jnp.stack([x, z, -y] if isinstance(space, DirectionalSpace) else [x, y, z])
+
+
+def place(grid: RayGrid, table: View, vertices: Float[Array, "vertices 3"]) -> Vertices:
+    """Plane positions, keys and bounds of vertices."""
+    projected = project(grid, vertices)
+    x, y, w = projected
+    beyond = never(x.dtype)
+    if isinstance(grid.space, DirectionalSpace):
+        plane, ahead = projected, w >= 0
     else:
-        x, y, w = local
-        farthest = jnp.max(jnp.stack([jnp.max(jnp.abs(part)) for part in local]))
-        nearest = NEAREST * farthest + jnp.finfo(x.dtype).tiny
-        ahead = w >= nearest
+        ahead = w >= table.nearest
         safe = jnp.where(ahead, w, jnp.ones_like(w))
-        plane, key = lax.complex(x / safe, y / safe), jnp.where(ahead, -1 / safe, beyond)
-    cell = None
-    if not isinstance(grid.plane_map, Box):
-        position = grid.plane_map.forward(jnp.stack([plane.real, plane.imag], axis=-1)) * grid.resolution
-        sides = _sides(grid.plane_map, x.dtype)
-        inside = key < beyond
-        for a, b, c in sides:
-            inside &= a * plane.real + b * plane.imag + c >= 0
-        cell = lax.complex(jnp.where(inside, position[:, 0], beyond), position[:, 1])
-    # One copy of each in memory: otherwise every gather computes the projection again.
-    made = lax.optimization_barrier(Vertices(x, y, w, plane, cell, key))
-    return made, nearest
+        plane = jnp.stack([x / safe, y / safe, jnp.where(ahead, -1 / safe, beyond)])
+    if isinstance(grid.plane_map, Box):
+        lower, upper = grid.plane_map.lower, grid.plane_map.upper
+        scale = grid.resolution / (upper - lower)
+        col, row = (plane[0] - lower[0]) * scale[0], (plane[1] - lower[1]) * scale[1]
+        regular = ahead
+    else:
+        at = jnp.stack([plane[0], plane[1]], axis=-1)
+        cell = grid.plane_map.forward(at) * grid.resolution
+        col, row = cell[:, 0], cell[:, 1]
+        regular = ahead & grid.plane_map.regular(at)
+    dtype = bounds_dtype(grid)
+    mark = jnp.asarray(general_mark(dtype), dtype)
+
+    def ends(position: Array, margin: Scalar, count: int) -> tuple[Array, Array]:
+        first = jnp.clip(jnp.ceil(position - 0.5 - margin), 0, count).astype(dtype)
+        last = jnp.clip(jnp.floor(position - 0.5 + margin), -1, count - 1).astype(dtype)
+        return jnp.where(regular, first, mark), jnp.where(ahead, last, mark)
+
+    bounds = jnp.stack([*ends(col, table.margin[0], grid.num_cols), *ends(row, table.margin[1], grid.num_rows)])
+    # One copy of each in memory: otherwise every read computes the projection again.
+    return lax.optimization_barrier(Vertices(plane, bounds))
 
 
 def _region(plane_map: PlaneMap, dtype: Any) -> Float[Array, "4 2"]:
@@ -128,7 +140,7 @@ def _sides(plane_map: PlaneMap, dtype: Any) -> Float[Array, "4 3"]:
     return jnp.stack([a * scale, b * scale, c * scale], axis=-1)
 
 
-def view(grid: RayGrid, nearest: Scalar) -> View:
+def view(grid: RayGrid) -> View:
     """Tables of the grid: plane coordinates and far limit of every cell, the region's sides, the rounding of a cell."""
     dtype = grid.far.dtype
     plane_map, rows, cols = grid.plane_map, grid.num_rows, grid.num_cols
@@ -154,6 +166,8 @@ def view(grid: RayGrid, nearest: Scalar) -> View:
     extent = jnp.max(corners, axis=0) - jnp.min(corners, axis=0)
     away = jnp.max(jnp.abs(corners), axis=0) / jnp.where(extent > 0, extent, 1.0)
     margin = jnp.finfo(dtype).eps * grid.resolution * (16 + 16 * away)
+    parallel = isinstance(grid.space, DirectionalSpace)
+    nearest = jnp.ones((), dtype) if parallel else NEAREST * grid.far + jnp.finfo(dtype).tiny
     return lax.stop_gradient(View(u, v, start, sides, corners, nearest, margin))
 
 
@@ -165,29 +179,3 @@ def depth_of_key(grid: RayGrid, table: View, key: Float[Array, "rows cols"]) -> 
     u, v = (table.u[None, :], table.v[:, None]) if table.u.ndim == 1 else (table.u, table.v)
     along = jnp.sqrt(1 + u * u + v * v)
     return jnp.where(missed, grid.far, along / jnp.where(missed, 1.0, -key))
-
-
-def lowest(values: Triple) -> Array:
-    """The least of three arrays."""
-    return jnp.minimum(jnp.minimum(values[0], values[1]), values[2])
-
-
-def highest(values: Triple) -> Array:
-    """The greatest of three arrays."""
-    return jnp.maximum(jnp.maximum(values[0], values[1]), values[2])
-
-
-def span(low: Array, high: Array, margin: Scalar, count: int) -> tuple[Int[Array, "..."], Int[Array, "..."]]:
-    """First and last cell whose centre lies between two grid positions; first > last if there is none."""
-    first = jnp.clip(jnp.ceil(low - 0.5 - margin), 0, count)
-    last = jnp.clip(jnp.floor(high - 0.5 + margin), -1, count - 1)
-    return first.astype(jnp.int32), last.astype(jnp.int32)
-
-
-def slopes(x: Triple, y: Triple, key: Triple, determinant: Array) -> tuple[Array, Array]:
-    """Derivative of the key along u and v over a triangle; 0 where the determinant is."""
-    inverse = jnp.where(determinant == 0, 0.0, 1 / jnp.where(determinant == 0, 1.0, determinant))
-    first, second = key[1] - key[0], key[2] - key[0]
-    along_u = (first * (y[2] - y[0]) - second * (y[1] - y[0])) * inverse
-    along_v = (second * (x[1] - x[0]) - first * (x[2] - x[0])) * inverse
-    return along_u, along_v

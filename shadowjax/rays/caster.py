@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from shadowjax._numerics import dot
-from shadowjax._types import Array, Bool, Points
+from shadowjax._types import Array, Bool, Float, Points
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.light_space import LightSpace
 from shadowjax.rays.ray import Hit, Rays
@@ -51,15 +51,23 @@ class Caster(eqx.Module):
         return facing & ~self.closest(mesh, rays).is_hit
 
 
-def shadow_rays(
+def shadow_limits(
     mesh: Mesh, space: LightSpace, points: Points, normals: Points | None
-) -> tuple[Rays, Bool[Array, "*points"]]:
-    """The part of a light's ray that must be free for each point to be lit, and whether the point faces the light."""
+) -> tuple[Float[Array, "*points 2"], Float[Array, "*points"], Bool[Array, "*points"]]:
+    """Plane position of the ray that reaches each point, the depth up to which it must be free, and whether the point
+    faces the light."""
     to_source = space.to_source(points)
     side = to_source if normals is None else normals
     size = jnp.maximum(mesh.extent, jnp.max(jnp.abs(jnp.stack(mesh.bounds()))))
     gap = SURFACE_ROUNDINGS * jnp.finfo(points.dtype).eps * size
-    facing = dot(to_source, side) > 0
     plane, depth = space.project(points + gap * side)
+    return plane, depth - gap, dot(to_source, side) > 0
+
+
+def shadow_rays(
+    mesh: Mesh, space: LightSpace, points: Points, normals: Points | None
+) -> tuple[Rays, Bool[Array, "*points"]]:
+    """The part of a light's ray that must be free for each point to be lit, and whether the point faces the light."""
+    plane, limit, facing = shadow_limits(mesh, space, points, normals)
     origins, directions = space.ray(plane)
-    return Rays(origins, directions, jnp.zeros((), points.dtype), depth - gap), facing
+    return Rays(origins, directions, jnp.zeros((), points.dtype), limit), facing

@@ -8,14 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax.custom_batching import sequential_vmap
 
-from shadowjax._types import Array, Float, Int
+from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays._grid_blocks import search_blocks
-from shadowjax.rays._grid_project import depth_of_key, is_projective, project, view
+from shadowjax.rays._grid_project import depth_of_key, is_projective, place, view
+from shadowjax.rays._grid_tiles import search_tiles
+from shadowjax.rays._grid_visible import blocked, from_lines, to_lines
 from shadowjax.rays.brute import BruteForce
-from shadowjax.rays.caster import Caster
+from shadowjax.rays.caster import Caster, shadow_limits
+from shadowjax.rays.light_space import UNREACHED, DirectionalSpace, LightSpace, farthest
 from shadowjax.rays.plane_map import Box
-from shadowjax.rays.ray import Hit, Rays, intersect
+from shadowjax.rays.ray import MISS, Hit, Rays, intersect
 from shadowjax.rays.ray_grid import RayGrid
 
 
@@ -64,6 +66,17 @@ class Grid(Caster):
             return hit.depth, hit.face
         return _depth_and_face(mesh, _unwrapped(grid))
 
+    def visible(
+        self, mesh: Mesh, space: LightSpace, points: Points, normals: Points | None = None
+    ) -> Bool[Array, "*points"]:
+        """The exact shadow test; see `Caster.visible`. All rays of a light share its plane, so no ray is traced.
+
+        Points that are given as an image, (rows, cols, 3), are tested in blocks of neighbours, which is faster.
+        """
+        if not is_projective(space):
+            return self.others.visible(mesh, space, points, normals)
+        return _visible(*jax.lax.stop_gradient((mesh, space, points, normals)))
+
 
 def _unwrapped(grid: RayGrid) -> RayGrid:
     """The grid with a plane map that merely wraps a `Box` replaced by it: affine maps need no table of cells."""
@@ -76,11 +89,10 @@ def _search(mesh: Mesh, grid: RayGrid, with_face: bool) -> tuple[Array, Array]:
 
     @sequential_vmap
     def one(mesh: Mesh, grid: RayGrid) -> tuple[Array, Array]:
-        vertices, nearest = project(grid, mesh.vertices)
-        table = view(grid, nearest)
-        key, face = search_blocks(grid, table, vertices, mesh.faces, with_face)
+        table = view(grid)
+        key, face = search_tiles(grid, table, mesh, place(grid, table, mesh.vertices), with_face)
         depth = depth_of_key(grid, table, key)
-        return depth, jnp.zeros((), jnp.int32) if face is None else face
+        return depth, jnp.zeros((), jnp.int32) if face is None else jnp.where(key < table.start, face, MISS)
 
     return one(mesh, grid)
 
@@ -110,3 +122,18 @@ def _depth_and_face_jvp(
     face = _search(*jax.lax.stop_gradient(primals), True)[1]
     depth, tangent = jax.jvp(lambda mesh, grid: intersect(mesh, grid.rays(), face).depth, primals, tangents)
     return (depth, face), (tangent, np.zeros(face.shape, jax.dtypes.float0))
+
+
+@sequential_vmap
+def _visible(mesh: Mesh, space: LightSpace, points: Points, normals: Points | None) -> Bool[Array, "*points"]:
+    """Lit points, by the irregular depth buffer: all rays of a light share its plane, so none is traced."""
+    plane, limit, facing = shadow_limits(mesh, space, points, normals)
+    u, v = plane[..., 0], plane[..., 1]
+    counts = facing & (jnp.abs(u) < UNREACHED) & (limit > 0)
+    if not isinstance(space, DirectionalSpace):
+        limit = -jnp.sqrt(1 + u * u + v * v) / jnp.where(limit > 0, limit, jnp.ones_like(limit))
+    # The key is never beyond that of the far limit, which is not looked at here.
+    is_image = limit.ndim == 2
+    lines = [to_lines(part, is_image) for part in (u, v, limit, counts)]
+    dark = blocked(mesh, space, *lines, farthest(space, *mesh.bounds()))
+    return facing & ~from_lines(dark, limit.shape, is_image)

@@ -6,7 +6,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 
-from shadowjax._numerics import dot, norm, normalize, safe_divide
+from shadowjax._numerics import dot, norm, normalize, rotate, safe_divide
 from shadowjax._types import Array, Bool, Float, Points, Scalar, Vector3
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, Light, PointLight, SpotLight
@@ -56,7 +56,7 @@ class DirectionalSpace(LightSpace):
 
     def project(self, points: Points) -> tuple[PlanePoints, Float[Array, "*points"]]:
         """(x, z) and −y of the points relative to the origin."""
-        local = (points - self.origin) @ self.frame.T
+        local = rotate(points - self.origin, self.frame)
         return local[..., ::2], -local[..., 1]
 
     def ray(self, plane: PlanePoints) -> tuple[Points, Points]:
@@ -82,7 +82,7 @@ class PerspectiveSpace(LightSpace):
 
     def project(self, points: Points) -> tuple[PlanePoints, Float[Array, "*points"]]:
         """Tangents of the angles to forward, and distance; points at or behind the position lie outside every map."""
-        local = (points - self.position) @ self.frame.T
+        local = rotate(points - self.position, self.frame)
         in_front = local[..., 2:] > 1e-6 * norm(local, keepdims=True)
         plane = local[..., :2] / jnp.where(in_front, local[..., 2:], jnp.ones_like(local[..., 2:]))
         return jnp.where(in_front, plane, jnp.full_like(plane, UNREACHED)), norm(local)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 
-from shadowjax._types import Array, ArrayLike, Float, Vector2
+from shadowjax._types import Array, ArrayLike, Bool, Float, Vector2
 from shadowjax.rays.plane_map import PlanePoints
 from shadowjax.warps.base import Warp
 from shadowjax.warps.light_frustum import LightFrustum, Section
@@ -57,6 +57,11 @@ class LogarithmicWarp(Warp):
         along = self._along(t)
         across = (self.sides[0] + s * (self.sides[1] - self.sides[0])) * (1 + along * self.strength)
         return self.origin + compose(along, across, self.axis)
+
+    def regular(self, plane: PlanePoints) -> Bool[Array, "*points"]:
+        """In front of the centre of projection, where lines across the axis stay lines and t grows along it."""
+        along, _ = components(plane - self.origin, self.axis)
+        return 1 + along * self.strength > 2 * CLOSEST
 
     def widths(self, square: PlanePoints) -> Float[Array, "*points 2"]:
         """Plane distance per unit of s across, and of t along the axis; both grow in proportion to u + c."""

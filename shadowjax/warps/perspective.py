@@ -6,7 +6,7 @@ import jax.numpy as jnp
 
 from shadowjax._checks import require_value
 from shadowjax._numerics import normalize
-from shadowjax._types import Array, ArrayLike, Float, Vector2, as_float_array
+from shadowjax._types import Array, ArrayLike, Bool, Float, Vector2, as_float_array
 from shadowjax.rays.plane_map import PlanePoints
 from shadowjax.warps.base import Warp
 
@@ -64,6 +64,11 @@ class PerspectiveWarp(Warp):
         along = t * self.extent / jnp.maximum(1 + self.extent * self.strength * (1 - t), CLOSEST)
         across = (self.sides[0] + s * (self.sides[1] - self.sides[0])) * (1 + along * self.strength)
         return self.origin + compose(along, across, self.axis)
+
+    def regular(self, plane: PlanePoints) -> Bool[Array, "*points"]:
+        """In front of the centre of projection, where lines across the axis stay lines and t grows along it."""
+        along, _ = components(plane - self.origin, self.axis)
+        return 1 + along * self.strength > 2 * CLOSEST
 
     def widths(self, square: PlanePoints) -> Float[Array, "*points 2"]:
         """Plane distance per unit of s across, and of t along the axis: (dx/ds, dz'/dt).
