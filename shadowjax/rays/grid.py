@@ -7,9 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.custom_batching import sequential_vmap
+from jax.custom_derivatives import SymbolicZero
 
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.mesh import Mesh
+from shadowjax.rays._grid_pairs import search_pairs
+from shadowjax.rays._grid_plane import depth_tangent
 from shadowjax.rays._grid_project import depth_of_key, is_projective, place, view
 from shadowjax.rays._grid_tiles import search_tiles
 from shadowjax.rays._grid_visible import blocked, from_lines, to_lines
@@ -90,7 +93,9 @@ def _search(mesh: Mesh, grid: RayGrid, with_face: bool) -> tuple[Array, Array]:
     @sequential_vmap
     def one(mesh: Mesh, grid: RayGrid) -> tuple[Array, Array]:
         table = view(grid)
-        key, face = search_tiles(grid, table, mesh, place(grid, table, mesh.vertices), with_face)
+        # A loop over triangles is the fastest way on a processor, and hopeless on an accelerator.
+        search = search_tiles if jax.default_backend() == "cpu" else search_pairs
+        key, face = search(grid, table, mesh, place(grid, table, mesh.vertices), with_face)
         depth = depth_of_key(grid, table, key)
         return depth, jnp.zeros((), jnp.int32) if face is None else jnp.where(key < table.start, face, MISS)
 
@@ -103,10 +108,12 @@ def _depth(mesh: Mesh, grid: RayGrid) -> Float[Array, "rows cols"]:
     return _search(mesh, grid, False)[0]
 
 
-@_depth.defjvp
 def _depth_jvp(primals: tuple[Mesh, RayGrid], tangents: tuple[Mesh, RayGrid]) -> tuple[Array, Array]:
     (depth, _), (tangent, _) = _depth_and_face_jvp(primals, tangents)
     return depth, tangent
+
+
+_depth.defjvp(_depth_jvp, symbolic_zeros=True)
 
 
 @jax.custom_jvp
@@ -115,13 +122,31 @@ def _depth_and_face(mesh: Mesh, grid: RayGrid) -> tuple[Array, Array]:
     return _search(mesh, grid, True)
 
 
-@_depth_and_face.defjvp
 def _depth_and_face_jvp(
     primals: tuple[Mesh, RayGrid], tangents: tuple[Mesh, RayGrid]
 ) -> tuple[tuple[Array, Array], tuple[Array, Any]]:
-    face = _search(*jax.lax.stop_gradient(primals), True)[1]
-    depth, tangent = jax.jvp(lambda mesh, grid: intersect(mesh, grid.rays(), face).depth, primals, tangents)
+    mesh, grid = primals
+    depth, face = _search(*jax.lax.stop_gradient(primals), True)
+    change, turning = tangents
+    if all(isinstance(leaf, SymbolicZero) for leaf in jax.tree.leaves(turning)):
+        # Only vertices move: the planes of the triangles are enough, and several times cheaper to differentiate.
+        tangent = depth_tangent(grid, view(grid), mesh, _dense(change.vertices), depth, face)
+    else:
+        dense = jax.tree.map(_dense, tangents, is_leaf=lambda leaf: isinstance(leaf, SymbolicZero))
+        tangent = jax.jvp(lambda mesh, grid: intersect(mesh, grid.rays(), face).depth, primals, dense)[1]
     return (depth, face), (tangent, np.zeros(face.shape, jax.dtypes.float0))
+
+
+_depth_and_face.defjvp(_depth_and_face_jvp, symbolic_zeros=True)
+
+
+def _dense(tangent: Any) -> Any:
+    """A tangent with the zeros written out that JAX knows by name."""
+    if not isinstance(tangent, SymbolicZero):
+        return tangent
+    if tangent.dtype == jax.dtypes.float0:
+        return np.zeros(tangent.shape, jax.dtypes.float0)
+    return jnp.zeros(tangent.shape, tangent.dtype)
 
 
 @sequential_vmap

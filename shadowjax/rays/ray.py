@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from shadowjax._checks import require, require_finite, require_value
-from shadowjax._numerics import dot, norm, normalize, safe_divide
+from shadowjax._numerics import norm, normalize
 from shadowjax._types import Array, ArrayLike, Bool, Float, Int, Points, as_float_array
 from shadowjax.geometry.mesh import Mesh
 
@@ -164,28 +164,53 @@ def intersect(mesh: Mesh, rays: Rays, face: Int[Array, "*points"]) -> Hit:
         The hit: depth as distance along the ray, world units; `t_max` and zero gradient for a miss.
     """
     missed = face < 0
-    corners = mesh.vertices[mesh.faces[jnp.where(missed, 0, face)]]
+    # Numbers apart, not as vectors of three: gathers, their transposes and what follows are several times faster.
+    corners = _corners(mesh, jnp.where(missed, 0, face))
+    origin, direction = (_components(part) for part in (rays.origins, rays.directions))
     # Step along the ray to beside the triangle first: edge functions of far triangles cancel badly in float32. The
     # step shifts both sides of the equation, so it carries no gradient.
-    step = jax.lax.stop_gradient(dot(corners[..., 0, :] - rays.origins, rays.directions))
-    step = jnp.where(missed, 0.0, step)
-    a, b, c = jnp.moveaxis(corners - rays.at(step)[..., None, :], -2, 0)
+    step = _inner([c - o for c, o in zip(corners[0], origin, strict=True)], direction)
+    step = jnp.where(missed, jnp.zeros_like(step), jax.lax.stop_gradient(step))
+    beside = [o + step * d for o, d in zip(origin, direction, strict=True)]
+    a, b, c = ([part - at for part, at in zip(corner, beside, strict=True)] for corner in corners)
     # Beside every triangle the products are of its own size; a degenerate one, or a miss, divides by 1.
-    weights = jnp.stack(
-        [dot(rays.directions, jnp.cross(p, q)) for p, q in ((b, c), (c, a), (a, b))],
-        axis=-1,
-    )
-    total = jnp.sum(weights, axis=-1, keepdims=True)
+    weights = [_inner(direction, _cross(p, q)) for p, q in ((b, c), (c, a), (a, b))]
+    total = weights[0] + weights[1] + weights[2]
     # Rounding can put a weight just outside the triangle; clamping keeps the depth between the corners' depths.
-    weights = jnp.maximum(weights * jnp.where(total < 0, -1.0, 1.0).astype(weights.dtype), 0.0)
-    total = jnp.sum(weights, axis=-1, keepdims=True)
-    thirds = jnp.full_like(weights, 1.0 / 3.0)
-    barycentrics = jnp.where(total > 0, safe_divide(weights, total), thirds)
-    along = jnp.stack([dot(corner, rays.directions) for corner in (a, b, c)], axis=-1)
-    depth = step + dot(barycentrics, along)
+    sign = jnp.where(total < 0, -jnp.ones_like(total), jnp.ones_like(total))
+    weights = [jnp.maximum(weight * sign, 0.0) for weight in weights]
+    total = weights[0] + weights[1] + weights[2]
+    some = total > 0
+    inverse = jnp.where(some, 1 / jnp.where(some, total, jnp.ones_like(total)), jnp.zeros_like(total))
+    barycentrics = [jnp.where(some, weight * inverse, 1.0 / 3.0) for weight in weights]
+    depth = step
+    for share, corner in zip(barycentrics, (a, b, c), strict=True):
+        depth = depth + share * _inner(corner, direction)
     t_max = jnp.broadcast_to(rays.t_max, depth.shape)
     return Hit(
         jnp.where(missed, t_max, depth),
         face,
-        jnp.where(missed[..., None], jnp.zeros_like(barycentrics), barycentrics),
+        jnp.stack([jnp.where(missed, jnp.zeros_like(share), share) for share in barycentrics], axis=-1),
     )
+
+
+def _components(vectors: Points) -> list[Array]:
+    return [vectors[..., axis] for axis in range(3)]
+
+
+def _inner(a: list[Array], b: list[Array]) -> Array:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: list[Array], b: list[Array]) -> list[Array]:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def _corners(mesh: Mesh, face: Int[Array, "*points"]) -> list[list[Array]]:
+    """The corners of the triangle of each ray, as components; indices are known to be in range."""
+
+    def take(values: Array, index: Array) -> Array:
+        return values.at[index].get(mode="promise_in_bounds")
+
+    indices = [take(mesh.faces[:, k], face) for k in range(3)]
+    return [[take(part, index) for part in _components(mesh.vertices)] for index in indices]

@@ -1,0 +1,95 @@
+"""The search for an accelerator: pairs of triangle and tile in windows of one size, and a scatter of the least."""
+
+import jax.numpy as jnp
+from jax import lax
+
+from shadowjax._types import Array, Float, Int
+from shadowjax.geometry.mesh import Mesh
+from shadowjax.rays._grid_general import generalise
+from shadowjax.rays._grid_project import Vertices, View, never
+from shadowjax.rays._grid_store import Buffers, finish, start, words
+from shadowjax.rays._grid_tiles import ROWS, SMALL, from_tiles, tiles_of, to_tiles, turns
+from shadowjax.rays.ray_grid import RayGrid
+
+# Triangles set up together, and pairs tested together: enough to fill an accelerator, few enough to bound memory.
+CHUNK = 1 << 16
+WINDOW = 1 << 17
+
+
+def search_pairs(
+    grid: RayGrid, table: View, mesh: Mesh, vertices: Vertices, with_face: bool
+) -> tuple[Array, Array | None]:
+    """As `_grid_tiles.search_tiles`, without loops over triangles.
+
+    Every triangle takes the general test. A chunk's pairs are counted, and windows of a fixed number of pairs are
+    worked on until all are done, so nothing can overflow. Depth agrees with the other search to a few roundings, ties
+    between equal keys go to the lowest face.
+    """
+    tiles = tiles_of(grid, table, SMALL)
+    affine = tiles.u.shape[0] != tiles.num_rows * tiles.num_cols
+    num_faces = mesh.num_faces
+    chunk, window = min(CHUNK, num_faces), WINDOW
+    corners = lax.bitcast_convert_type(mesh.faces.astype(jnp.int32), jnp.uint32)
+
+    def add_chunk(k: Array, buffers: Buffers) -> Buffers:
+        # The last chunk starts early: drawing a triangle twice changes nothing.
+        first = jnp.minimum(k * chunk, num_faces - chunk)
+        part = lax.dynamic_slice(corners, (first, jnp.int32(0)), (chunk, 3))
+        made = generalise(grid, table, mesh.vertices, vertices, part)
+        first_row, last_row, first_col, last_col = made.cells
+        holds = (first_row <= last_row) & (first_col <= last_col)
+        top, left = first_row // ROWS, first_col // SMALL
+        down = jnp.where(holds, last_row // ROWS - top + 1, 0)
+        across = jnp.where(holds, last_col // SMALL - left + 1, 0)
+        ends = jnp.cumsum(down * across, dtype=jnp.int32)
+
+        def add_window(j: Array, buffers: Buffers) -> Buffers:
+            pair = j * window + jnp.arange(window, dtype=jnp.int32)
+            triangle = jnp.minimum(jnp.searchsorted(ends, pair, side="right"), chunk - 1).astype(jnp.int32)
+            within = pair - (ends[triangle] - down[triangle] * across[triangle])
+            row = top[triangle] + within // jnp.maximum(across[triangle], 1)
+            col = left[triangle] + within % jnp.maximum(across[triangle], 1)
+            index = jnp.where(pair < ends[-1], row * tiles.num_cols + col, 0)
+            u, v = tiles.u[col if affine else index], tiles.v[row if affine else index]
+            numbers = made.numbers[:, triangle, None]
+            keys, inside = _test(numbers, u, v)
+            inside &= (pair < ends[-1])[:, None]
+            keys = jnp.where(inside, keys, jnp.asarray(never(keys.dtype), keys.dtype))
+            return _scatter(buffers, index, keys, first + triangle)
+
+        return lax.fori_loop(jnp.int32(0), -(-ends[-1] // window), add_window, buffers)
+
+    buffers = start(to_tiles(table.start, SMALL), with_face)
+    buffers = lax.fori_loop(jnp.int32(0), jnp.int32(-(-num_faces // chunk)), add_chunk, buffers)
+    keys, found = finish(buffers, with_face, table.start.dtype)
+    rows, cols = grid.num_rows, grid.num_cols
+    return from_tiles(keys, rows, cols), None if found is None else from_tiles(found, rows, cols)
+
+
+def _test(numbers: Float[Array, "14 n 1"], u: Float[Array, "n lanes"], v: Float[Array, "n lanes"]) -> tuple:
+    """Keys of triangles over their tiles and where they are hit; numbers as in `General`."""
+    x0, y0, x1, y1, x2, y2, w1, w2, key, along_u, along_v, low, high, floor = numbers
+    x, y = [x0 - u, x1 - u * w1, x2 - u * w2], [y0 - v, y1 - v * w1, y2 - v * w2]
+    keys = (key - along_u * x[0]) - along_v * y[0]
+    return jnp.clip(keys, low, high), turns(x, y) & (keys >= floor)
+
+
+def _scatter(buffers: Buffers, tile: Int[Array, "n"], keys: Float[Array, "n lanes"], face: Int[Array, "n"]) -> Buffers:
+    """Keep the nearest of what tiles hold and of their new hits; of equally near ones the lowest face."""
+    lanes = keys.shape[1]
+    cell = (tile[:, None] * lanes + jnp.arange(lanes, dtype=jnp.int32)).reshape(-1, 1)
+    numbers = lax.ScatterDimensionNumbers((), (0,), (0,))
+
+    def least(buffer: Array, values: Array) -> Array:
+        flat = lax.scatter_min(buffer.reshape(-1), cell, values.reshape(-1), numbers, mode="promise_in_bounds")
+        return flat.reshape(buffer.shape)
+
+    if len(buffers) == 2:
+        old, owners = buffers
+        new = least(old, keys)
+        # Where a nearer key came, the former owner has lost; then the lowest face of those with the least key.
+        owners = jnp.where(new < old, jnp.iinfo(jnp.int32).max, owners)
+        wins = keys == new.reshape(-1)[cell[:, 0]].reshape(keys.shape)
+        return new, least(owners, jnp.where(wins, face[:, None], jnp.iinfo(jnp.int32).max))
+    packed = buffers[0].dtype != keys.dtype
+    return (least(buffers[0], words(keys, jnp.broadcast_to(face[:, None], keys.shape)) if packed else keys),)
