@@ -1,0 +1,81 @@
+"""The package's own contestants: one for each way to run its caster, by name."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import shadowjax
+from shadowjax import Mesh
+from shadowjax.rays.caster import Caster
+from shadowjax.rays.grid import Grid
+from tests.benchmarks.peers.base import Contestant
+from tests.benchmarks.scenes import Geometry, View
+
+
+class Shadowjax(Contestant):
+    """A caster of the package. Vertices, faces and view are arguments of compiled code: nothing is built beforehand."""
+
+    name = "shadowjax"
+    kind = "this package"
+
+    def __init__(self, make_caster: Callable[[], Caster] = Grid):
+        caster: Any = make_caster()
+        self.caster = caster
+        self.casts = {
+            False: jax.jit(lambda mesh, grid: caster.depth_on_grid(mesh, grid)),
+            True: jax.jit(lambda mesh, grid: caster.faces_on_grid(mesh, grid)),
+        }
+        self.compiled: dict[Any, Any] = {}
+
+    def version(self) -> str:
+        """Of the package and of JAX."""
+        device = jax.devices()[0]
+        return f"{shadowjax.__version__} (JAX {jax.__version__}, {len(jax.devices())} × {device.device_kind})"
+
+    def prepare(self, geometry: Geometry) -> None:
+        """Copy the mesh to the device."""
+        mesh = Mesh(
+            jnp.asarray(geometry.vertices),
+            jnp.asarray(geometry.faces),
+            jnp.zeros((geometry.num_faces, 3), jnp.float32),
+        )
+        self.mesh = jax.block_until_ready(mesh)
+
+    def move(self, vertices: np.ndarray) -> None:
+        """Copy new vertices to the device; the cast that follows does all other work, as always."""
+        self.mesh = Mesh(jnp.asarray(vertices), self.mesh.faces, self.mesh.face_colors)
+
+    def load_view(self, view: View) -> Any:
+        """Light space, box and resolution."""
+        return view.grid
+
+    def cast(self, loaded: Any, with_face: bool) -> Any:
+        """The compiled cast."""
+        return jax.block_until_ready(self.casts[with_face](self.mesh, loaded))
+
+    def compile(self, loaded: Any, with_face: bool) -> dict[str, float]:
+        """Seconds from nothing to machine code, and megabytes of temporaries that XLA plans for.
+
+        `cast` compiles for itself once more; the persistent cache must be off.
+        """
+        jax.clear_caches()
+        start = time.perf_counter()
+        program = self.casts[with_face].lower(self.mesh, loaded).compile()
+        seconds = time.perf_counter() - start
+        plan = program.memory_analysis()
+        return {"compile_s": seconds, "temporaries_mb": plan.temp_size_in_bytes / 1e6}
+
+    def read(self, result: Any, view: View) -> tuple[np.ndarray, np.ndarray | None]:
+        """Depth `far` is a miss."""
+        depth, face = result if isinstance(result, tuple) else (result, None)
+        depth = np.asarray(depth, np.float64)
+        missed = depth >= float(view.grid.far) if face is None else np.asarray(face) < 0
+        return np.where(missed, np.inf, depth), None if face is None else np.asarray(face)
+
+
+# More ways to run the package (another caster, several devices) join here under their own names.
+VARIANTS: dict[str, Callable[[], Contestant]] = {"shadowjax": Shadowjax}
