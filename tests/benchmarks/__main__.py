@@ -1,49 +1,26 @@
-"""First form of the command: depth maps of 80 k, 330 k and 1.3 M triangles, all contestants in turn.
+"""The command `python -m tests.benchmarks`: measure everybody in one run, print tables, write the results."""
 
-`python -m tests.benchmarks [SIZES [RESOLUTION [PEERS]]]`, for example `"80 k,330 k" 1024 "Mitsuba LLVM,llvmpipe"`.
-"""
-
-import statistics
 import sys
-import time
 
 import jax
-import numpy as np
+import tyro
+from rich.console import Console
 
-from tests.benchmarks.ours import VARIANTS
-from tests.benchmarks.peers import PEERS, start
-from tests.benchmarks.scenes import PROJECTIONS, sphere_over_plane, view
+from tests.benchmarks.run import Options, run
 
 
-def main(sizes: str = "80 k,330 k,1.3 M", resolution: str = "1024", peers: str = ",".join(PEERS)) -> None:
-    """Print median and least milliseconds of seven warm calls, and agreement with the first contestant."""
+def main() -> int:
+    """Run from the repository root; exit code 2 and one line for bad input."""
+    options = tyro.cli(Options, prog="python -m tests.benchmarks", description=__doc__)
+    # What compiling takes is measured, so nothing comes from an earlier run.
     jax.config.update("jax_enable_compilation_cache", False)
-    present, absent = start(peers.split(",") if peers else [])
-    contestants = [make() for make in VARIANTS.values()] + present
-    print("absent:", absent)
-    for size in sizes.split(","):
-        geometry = sphere_over_plane(size)
-        for contestant in contestants:
-            contestant.prepare(geometry)
-        for projection in PROJECTIONS:
-            shown = view(geometry, projection, int(resolution))
-            loaded = [contestant.load_view(shown) for contestant in contestants]
-            for with_face in (False, True):
-                read = [c.read(c.cast(rays, with_face), shown) for c, rays in zip(contestants, loaded, strict=True)]
-                times = [[] for _ in contestants]
-                for _ in range(7):
-                    for taken, contestant, rays in zip(times, contestants, loaded, strict=True):
-                        begin = time.perf_counter()
-                        contestant.cast(rays, with_face)
-                        taken.append(1e3 * (time.perf_counter() - begin))
-                for taken, contestant, (depth, _) in zip(times, contestants, read, strict=True):
-                    middle = statistics.median(taken)
-                    print(
-                        f"{size:6s} {projection:12s} {'depth+face' if with_face else 'depth':10s} {contestant.name:20s}"
-                        f" {middle:8.2f} ms (least {min(taken):8.2f})  × {middle / statistics.median(times[0]):6.2f}"
-                        f"  differs in {100 * np.mean(~(np.abs(depth - read[0][0]) < 1e-3)):.4f} %",
-                        flush=True,
-                    )
+    try:
+        run(options)
+    except ValueError as error:
+        Console(stderr=True).print(f"error: {error}", style="red", highlight=False)
+        return 2
+    return 0
 
 
-main(*sys.argv[1:])
+if __name__ == "__main__":
+    sys.exit(main())

@@ -7,12 +7,15 @@ from tests.benchmarks.peers.base import Absent, Contestant
 
 PEERS: dict[str, str] = {
     "Mitsuba LLVM": "mitsuba_llvm:MitsubaLLVM",
+    "Mitsuba LLVM, no hint": "mitsuba_llvm:MitsubaLLVMDefault",
     "Open3D": "open3d_scene:Open3DScene",
     "embreex": "embreex_raw:EmbreexRaw",
     "trimesh + embreex": "trimesh_embreex:TrimeshEmbreex",
     "llvmpipe": "llvmpipe:Llvmpipe",
     "llvmpipe + read-back": "llvmpipe:LlvmpipeReadback",
 }
+# Those that the tests' own requirements bring along.
+ALWAYS = ("embreex", "trimesh + embreex")
 
 
 def start(names: Iterable[str]) -> tuple[list[Contestant], dict[str, str]]:

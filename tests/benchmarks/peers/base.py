@@ -25,14 +25,15 @@ class Segments:
 class Contestant(ABC):
     """One program that casts depth maps.
 
-    Only `cast`, `occluded`, and, where geometry moves, `move` are timed in calls. `prepare` is timed once, apart, as the
-    building of a tree. `load_view` and `load_segments` put rays (or a matrix) into the program's own memory and are
-    never timed. Timed methods return only when the work is done.
+    Only `cast`, `occluded`, and, where geometry moves, `move` are timed in calls. `prepare` is timed once, apart, as
+    the building of a tree. `load_view` and `load_segments` put rays (or a matrix) into the program's own memory and
+    are never timed. Timed methods return only when the work is done.
     """
 
     name: ClassVar[str]
     kind: ClassVar[str] = "ray caster"
     can_test_segments: ClassVar[bool] = False
+    most_rays: ClassVar[int] = 1 << 31  # a program that is very slow is not asked for more than this
 
     @abstractmethod
     def version(self) -> str:
@@ -56,7 +57,7 @@ class Contestant(ABC):
 
     @abstractmethod
     def read(self, result: Any, view: View) -> tuple[np.ndarray, np.ndarray | None]:
-        """Distance along each ray, (rows, cols), infinite for a miss; and triangle, −1 for a miss, if it was asked for."""
+        """Distance along each ray, (rows, cols), infinite for a miss; and triangle if asked for, −1 for a miss."""
 
     def load_segments(self, segments: Segments) -> Any:
         """Rays with ends in the program's own form."""
@@ -70,8 +71,10 @@ class Contestant(ABC):
         """The answers of `occluded` as booleans."""
         raise NotImplementedError
 
-    def close(self) -> None:
-        """Let go of everything."""
+    def compile(self, loaded: Any, with_face: bool) -> dict[str, Any]:
+        """Compile the cast of a view ahead, where that is a step of its own: what it took, for the record."""
+        del loaded, with_face
+        return {}
 
 
 def rays_of(view: View) -> tuple[np.ndarray, np.ndarray]:

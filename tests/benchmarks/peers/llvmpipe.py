@@ -127,12 +127,6 @@ class Llvmpipe(Contestant):
             self.vertices.release()
             self.indices.release()
 
-    def close(self) -> None:
-        """Release the context."""
-        self._drop_buffers()
-        self.vertices, self.arrays = None, {}
-        self.gl.release()
-
 
 class LlvmpipeReadback(Llvmpipe):
     """The same, with the picture copied into an array of the caller."""

@@ -14,6 +14,7 @@ class MitsubaLLVM(Contestant):
     name = "Mitsuba LLVM"
     can_test_segments = True
     variant = "llvm_ad_rgb"
+    coherent = True
 
     def __init__(self):
         import drjit
@@ -65,7 +66,7 @@ class MitsubaLLVM(Contestant):
 
     def cast(self, loaded: Any, with_face: bool) -> Any:
         """Preliminary intersections; only what is asked for is computed and stored."""
-        hit = self.scene.ray_intersect_preliminary(loaded, coherent=True)
+        hit = self.scene.ray_intersect_preliminary(loaded, coherent=self.coherent)
         face = hit.prim_index if with_face else None
         self.dr.eval(hit.t) if face is None else self.dr.eval(hit.t, face)
         self.dr.sync_thread()
@@ -89,7 +90,7 @@ class MitsubaLLVM(Contestant):
 
     def occluded(self, loaded: Any) -> Any:
         """Mitsuba's shadow test."""
-        result = self.scene.ray_test(loaded, coherent=True)
+        result = self.scene.ray_test(loaded, coherent=self.coherent)
         self.dr.eval(result)
         self.dr.sync_thread()
         return result
@@ -98,6 +99,10 @@ class MitsubaLLVM(Contestant):
         """As cast."""
         return result.numpy()
 
-    def close(self) -> None:
-        """Drop the scene."""
-        self.scene = self.parts = None
+
+class MitsubaLLVMDefault(MitsubaLLVM):
+    """The same without the hint that rays are coherent, which is what a call without options does: no packets."""
+
+    name = "Mitsuba LLVM, no hint"
+    coherent = False
+    can_test_segments = False

@@ -49,7 +49,7 @@ class Open3DScene(Contestant):
         return as_image(depth, view).astype(np.float64), as_image(face, view)
 
     def load_segments(self, segments: Segments) -> Any:
-        """Rays, and one length for all tests: `test_occlusions` takes no length for each ray, so directions carry it."""
+        """`test_occlusions` takes one length for all rays, so their directions carry each one's own."""
         scaled = segments.directions * segments.lengths[:, None]
         return self.tensor(np.concatenate([segments.origins, scaled], axis=1))
 

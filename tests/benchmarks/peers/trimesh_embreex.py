@@ -13,6 +13,7 @@ class TrimeshEmbreex(Contestant):
     """`RayMeshIntersector.intersects_id`, first hits alone."""
 
     name = "trimesh + embreex"
+    most_rays = 1 << 20
 
     def version(self) -> str:
         """Of trimesh."""

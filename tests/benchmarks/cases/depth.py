@@ -1,0 +1,73 @@
+"""Depth maps, alone and with the triangle hit, over triangles, resolutions and projections."""
+
+from typing import Any
+
+from tests.benchmarks.peers.base import Contestant
+from tests.benchmarks.scenes import PROJECTIONS, Geometry, View, view
+from tests.benchmarks.session import Session, agreement
+from tests.benchmarks.timing import resident_growth, timed
+
+# Comparing pictures takes longer than casting them; larger ones are not compared.
+MOST_COMPARED = 1 << 20
+
+
+def run_depth(session: Session) -> None:
+    """Depth alone: every size at every resolution, and every file at one."""
+    for size in session.sizes:
+        measure(session, "depth", session.geometry(size), session.resolutions, False)
+    for geometry in session.file_geometries():
+        measure(session, "depth", geometry, (session.resolution,), False)
+
+
+def run_faces(session: Session) -> None:
+    """Depth and triangle: every size and file at one resolution."""
+    for geometry in [*map(session.geometry, session.sizes), *session.file_geometries()]:
+        measure(session, "faces", geometry, (session.resolution,), True)
+
+
+def measure(session: Session, case: str, geometry: Geometry, resolutions: tuple[int, ...], with_face: bool) -> None:
+    """Build once for the mesh, then cast all its views."""
+    built = {}
+    for contestant in session.contestants:
+        _, built[contestant.name] = timed(lambda contestant=contestant: contestant.prepare(geometry))
+    for resolution in resolutions:
+        for projection in PROJECTIONS:
+            session.say(f"{case}, {geometry.name} triangles, {resolution}², {projection}")
+            shown = view(geometry, projection, resolution)
+            taking_part = [c for c in session.contestants if resolution**2 <= c.most_rays]
+            loaded = {c.name: c.load_view(shown) for c in taking_part}
+            beside = {c.name: first_cast(c, loaded[c.name], with_face) for c in taking_part}
+            compare(taking_part, loaded, geometry, shown, with_face, beside)
+            for name, entry in beside.items():
+                entry["build_ms"] = built[name]
+            calls = {
+                c.name: lambda step, c=c: c.cast(loaded[c.name], with_face)  # noqa: B023
+                for c in taking_part
+            }
+            session.measure(case, geometry, shown, calls, beside)
+
+
+def first_cast(contestant: Contestant, loaded: Any, with_face: bool) -> dict[str, Any]:
+    """Compile and warm up: seconds of compilation, planned temporaries and growth of the process in megabytes."""
+    entry: dict[str, Any] = contestant.compile(loaded, with_face)
+    _, entry["resident_mb"] = resident_growth(lambda: contestant.cast(loaded, with_face))
+    contestant.cast(loaded, with_face)
+    return entry
+
+
+def compare(
+    contestants: list[Contestant],
+    loaded: dict[str, Any],
+    geometry: Geometry,
+    shown: View,
+    with_face: bool,
+    beside: dict[str, dict[str, Any]],
+) -> None:
+    """Add to `beside` how every contestant's picture differs from the first one's."""
+    if shown.grid.num_rows * shown.grid.num_cols > MOST_COMPARED:
+        return
+    reference = None
+    for contestant in contestants:
+        picture = contestant.read(contestant.cast(loaded[contestant.name], with_face), shown)
+        reference = picture if reference is None else reference
+        beside[contestant.name] |= agreement(*picture, reference, geometry.radius)

@@ -1,0 +1,29 @@
+"""The surface points of a camera's image, which the cases of shadow tests ask about."""
+
+import jax
+import jax.numpy as jnp
+
+from shadowjax import Mesh
+from shadowjax._types import Array
+from shadowjax.rays.caster import Caster
+from shadowjax.rays.ray_grid import RayGrid
+
+
+def device_mesh(geometry) -> Mesh:
+    """A mesh of the package, on the device."""
+    colors = jnp.zeros((geometry.num_faces, 3), jnp.float32)
+    return Mesh(jnp.asarray(geometry.vertices), jnp.asarray(geometry.faces), colors)
+
+
+def visible_points(caster: Caster, mesh: Mesh, grid: RayGrid) -> tuple[Array, Array]:
+    """First hits of a camera's rays and their unit normals, on the side that the camera sees."""
+
+    @jax.jit
+    def trace(mesh: Mesh, grid: RayGrid) -> tuple[Array, Array]:
+        hit = caster.closest_on_grid(mesh, grid)
+        rays = grid.rays()
+        normals = mesh.face_normals()[jnp.maximum(hit.face, 0)]
+        away = jnp.sum(normals * rays.directions, axis=-1, keepdims=True) > 0
+        return rays.at(hit.depth), jnp.where(away, -normals, normals)
+
+    return jax.block_until_ready(trace(mesh, grid))
