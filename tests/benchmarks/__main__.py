@@ -14,6 +14,7 @@ def main() -> int:
     options = tyro.cli(Options, prog="python -m tests.benchmarks", description=__doc__)
     # What compiling takes is measured, so nothing comes from an earlier run.
     jax.config.update("jax_enable_compilation_cache", False)
+    jax.config.update("jax_num_cpu_devices", options.devices)
     try:
         run(options)
     except ValueError as error:

@@ -13,7 +13,7 @@ from shadowjax import Mesh
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.grid import Grid
 from shadowjax.rays.ray_grid import RayGrid
-from tests.benchmarks.peers.base import Contestant
+from tests.benchmarks.peers.base import Absent, Contestant
 from tests.benchmarks.scenes import Geometry, View
 
 
@@ -23,7 +23,10 @@ class Shadowjax(Contestant):
     name = "shadowjax"
     kind = "this package"
 
-    def __init__(self, make_caster: Callable[[], Caster] = Grid):
+    def __init__(self, make_caster: Callable[[], Caster] = Grid, name: str = "shadowjax", num_devices: int = 1):
+        if len(jax.devices()) < num_devices:
+            raise Absent(f"needs {num_devices} devices; run with --devices {num_devices}")
+        self.name = name
         caster: Any = make_caster()
         self.caster = caster
         self.casts = {False: caster.depth_on_grid, True: caster.faces_on_grid}
@@ -81,5 +84,7 @@ def _key(grid: RayGrid, with_face: bool) -> tuple:
     return type(grid.space), grid.num_rows, grid.num_cols, with_face
 
 
-# More ways to run the package (another caster, several devices) join here under their own names.
+# More ways to run the package join here, for example
+# "shadowjax (2 devices)": lambda: Shadowjax(SomeCaster, "shadowjax (2 devices)", num_devices=2).
+# The first one listed is what all ratios refer to.
 VARIANTS: dict[str, Callable[[], Contestant]] = {"shadowjax": Shadowjax}

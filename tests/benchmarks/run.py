@@ -1,8 +1,10 @@
 """Options of a run and the run itself: from the choice of contestants to the files that are written."""
 
-import sys
+import dataclasses
+import shlex
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
@@ -15,7 +17,8 @@ from tests.benchmarks.cases import CASES
 from tests.benchmarks.fit import laws
 from tests.benchmarks.ours import VARIANTS
 from tests.benchmarks.peers import ALWAYS, PEERS, start
-from tests.benchmarks.scenes import SPHERES
+from tests.benchmarks.peers.base import Absent, Contestant
+from tests.benchmarks.scenes import PROJECTIONS, SPHERES
 from tests.benchmarks.session import Session
 from tests.benchmarks.summary import ratios
 from tests.benchmarks.table import fragment, show
@@ -34,6 +37,7 @@ class Options:
         variants: Ways to run the package, by name; all if none is named.
         sizes: Displaced spheres of the depth maps, by name.
         resolutions: Cells along each side of the depth maps.
+        devices: Devices that JAX makes of the processor, for variants that use several.
         mesh: Mesh files to measure as well.
         rounds: Timed calls of everybody, at least 7 for figures to publish.
         json: Where the results go.
@@ -46,10 +50,23 @@ class Options:
     variants: tuple[str, ...] = ()
     sizes: tuple[str, ...] = ()
     resolutions: tuple[int, ...] = ()
+    devices: int = 1
     mesh: tuple[str, ...] = ()
     rounds: Annotated[int, tyro.conf.arg(metavar="N")] = 0
     json: str = "benchmarks/results.json"
     page: str | None = None
+
+    def command(self) -> str:
+        """The command line that measures the same, without the places of its outputs."""
+        words = ["python -m tests.benchmarks"]
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if field.name in ("json", "page") or value == field.default:
+                continue
+            words.append(f"--{field.name}")
+            if value is not True:
+                words += [shlex.quote(str(item)) for item in (value if isinstance(value, tuple) else (value,))]
+        return " ".join(words)
 
 
 def run(options: Options, console: Console | None = None) -> dict[str, Any]:
@@ -61,6 +78,8 @@ def run(options: Options, console: Console | None = None) -> dict[str, Any]:
     console = console or Console(highlight=False)
     begin = time.monotonic()
     names = [require_choice(name, "case", CASES) for name in options.only] or list(CASES)
+    for path in options.mesh:
+        require(Path(path).is_file(), f"no such mesh file: {path}")
     session, absent = prepare(options)
     log = Console(stderr=True, highlight=False)
     session.say = lambda text: log.print(f"{time.monotonic() - begin:6.1f} s  {text}", soft_wrap=True)
@@ -68,9 +87,7 @@ def run(options: Options, console: Console | None = None) -> dict[str, Any]:
         CASES[name](session)
     results = {
         "schema": SCHEMA,
-        "command": " ".join(["python -m tests.benchmarks", *sys.argv[1:]])
-        if sys.argv[0].endswith("__main__.py")
-        else "",
+        "command": options.command(),
         "seconds": time.monotonic() - begin,
         "machine": machine(),
         "versions": {contestant.name: contestant.version() for contestant in session.contestants},
@@ -97,18 +114,31 @@ def prepare(options: Options) -> tuple[Session, dict[str, str]]:
     everybody = [name for name in PEERS if name in ALWAYS] if options.quick else list(PEERS)
     asked = [] if options.peers == ("none",) else list(options.peers) or everybody
     peers, absent = start(require_choice(name, "peer", PEERS) for name in asked)
-    variants = [require_choice(name, "variant", VARIANTS) for name in options.variants] or list(VARIANTS)
+    ours = _variants(options.variants, absent)
     quick = options.quick
     sizes = options.sizes or (("1 k",) if quick else tuple(SPHERES))
     resolutions = options.resolutions or ((64,) if quick else (512, 1024, 2048))
     session = Session(
-        ours=[VARIANTS[name]() for name in variants],
+        ours=ours,
         peers=peers,
         sizes=sizes,
         middle_sizes=sizes if quick or options.sizes else ("20 k", "80 k", "330 k", "1.3 M"),
         resolutions=resolutions,
         resolution=1024 if 1024 in resolutions else resolutions[0],
+        projections=PROJECTIONS[:1] if quick else PROJECTIONS,
         rounds=options.rounds or (3 if quick else 7),
         files=options.mesh,
     )
     return session, absent
+
+
+def _variants(asked: tuple[str, ...], absent: dict[str, str]) -> list[Contestant]:
+    """Our own contestants; those that cannot run here join the absent."""
+    ours = []
+    for name in [require_choice(name, "variant", VARIANTS) for name in asked] or list(VARIANTS):
+        try:
+            ours.append(VARIANTS[name]())
+        except Absent as error:
+            absent[name] = str(error)
+    require(len(ours) > 0, f"none of the variants asked for can run here: {absent}")
+    return ours

@@ -25,6 +25,7 @@ class Session:
         middle_sizes: Names of those that the slower cases use.
         resolutions: Cells along each side of a depth map.
         resolution: Of the cases that have one.
+        projections: Kinds of views of a depth map; shadow tests have a light of the first and a camera of the last.
         rounds: Timed calls of each contestant.
         files: Meshes given, measured as further depth maps.
         say: Told what happens now.
@@ -37,6 +38,7 @@ class Session:
     middle_sizes: tuple[str, ...]
     resolutions: tuple[int, ...]
     resolution: int
+    projections: tuple[str, ...]
     rounds: int
     files: tuple[str, ...] = ()
     say: Callable[[str], None] = print
@@ -105,7 +107,7 @@ def agreement(
         radius: Of the scene.
     """
     both = np.isfinite(depth) & np.isfinite(reference[0])
-    difference = np.where(both, np.abs(np.where(both, depth - reference[0], 0)), 0) / radius
+    difference = np.abs(np.subtract(depth, reference[0], out=np.zeros(depth.shape), where=both)) / radius
     one_only = np.isfinite(depth) != np.isfinite(reference[0])
     result = {
         "depth_median_difference": float(np.median(difference[both])) if both.any() else 0.0,

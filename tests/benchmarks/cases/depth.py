@@ -3,7 +3,7 @@
 from typing import Any
 
 from tests.benchmarks.peers.base import Contestant
-from tests.benchmarks.scenes import PROJECTIONS, Geometry, View, view
+from tests.benchmarks.scenes import Geometry, View, view
 from tests.benchmarks.session import Session, agreement
 from tests.benchmarks.timing import resident_growth, timed
 
@@ -31,7 +31,7 @@ def measure(session: Session, case: str, geometry: Geometry, resolutions: tuple[
     for contestant in session.contestants:
         _, built[contestant.name] = timed(lambda contestant=contestant: contestant.prepare(geometry))
     for resolution in resolutions:
-        for projection in PROJECTIONS:
+        for projection in session.projections:
             session.say(f"{case}, {geometry.name} triangles, {resolution}², {projection}")
             shown = view(geometry, projection, resolution)
             taking_part = [c for c in session.contestants if resolution**2 <= c.most_rays]

@@ -15,7 +15,8 @@ from tests.benchmarks.session import Session
 
 def run(session: Session) -> None:
     """The loss is the mean squared difference from the depth map of another shape."""
-    caster = session.ours[0].caster
+    ours = session.ours[0]
+    caster = ours.caster
 
     def loss(vertices: Array, mesh: Mesh, grid: RayGrid, target: Array) -> Array:
         moved = eqx.tree_at(lambda mesh: mesh.vertices, mesh, vertices)
@@ -25,8 +26,9 @@ def run(session: Session) -> None:
         session.say(f"gradient, {size} triangles")
         geometry = session.geometry(size)
         mesh, shown = device_mesh(geometry), view(geometry, "orthographic", session.resolution)
-        other = eqx.tree_at(lambda mesh: mesh.vertices, mesh, jnp.asarray(geometry.moved(1)))
-        target = jax.block_until_ready(jax.jit(caster.depth_on_grid)(other, shown.grid))
+        ours.prepare(geometry)
+        ours.move(geometry.moved(1))
+        target = ours.cast(shown.grid, False)
         calls, beside = {}, {}
         for name, function in (("loss", loss), ("loss and gradient", jax.value_and_grad(loss))):
             calls[name], beside[name], _ = compiled(function, mesh.vertices, mesh, shown.grid, target)

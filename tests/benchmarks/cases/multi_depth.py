@@ -1,6 +1,5 @@
 """Multi-depth maps: building the planes of a 2-SM from a depth map and reading them with PCF(9, 2)."""
 
-import jax
 import jax.numpy as jnp
 
 from shadowjax import Mesh, MultiDepth, Neighbourhood
@@ -8,14 +7,14 @@ from shadowjax._types import Array
 from shadowjax.filters.base import Lookup
 from shadowjax.rays.ray_grid import RayGrid
 from tests.benchmarks.cases.programs import compiled
-from tests.benchmarks.cases.receivers import device_mesh, visible_points
-from tests.benchmarks.scenes import view
+from tests.benchmarks.cases.receivers import camera_and_light, device_mesh, visible_points
 from tests.benchmarks.session import Session
 
 
 def run(session: Session) -> None:
     """From a depth map, and from the mesh; as many receivers as texels."""
-    caster = session.ours[0].caster
+    ours = session.ours[0]
+    caster = ours.caster
     filter_ = MultiDepth(Neighbourhood("max"), 3)
 
     def read(depth: Array, grid: RayGrid, points: Array) -> Array:
@@ -30,9 +29,10 @@ def run(session: Session) -> None:
         session.say(f"multi-depth, {size} triangles")
         geometry = session.geometry(size)
         mesh = device_mesh(geometry)
-        seen, lit = (view(geometry, kind, session.resolution) for kind in ("perspective", "orthographic"))
+        seen, lit = camera_and_light(session, geometry)
         points, _ = visible_points(caster, mesh, seen.grid)
-        depth = jax.block_until_ready(jax.jit(caster.depth_on_grid)(mesh, lit.grid))
+        ours.prepare(geometry)
+        depth = ours.cast(lit.grid, False)
         calls, beside = {}, {}
         for name, function, source in (
             ("planes, PCF(9, 2)", read, depth),

@@ -7,12 +7,23 @@ from shadowjax import Mesh
 from shadowjax._types import Array
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.ray_grid import RayGrid
+from tests.benchmarks.scenes import Geometry, View, view
+from tests.benchmarks.session import Session
+
+# The camera looks from beside the light, so that it sees shadows.
+STEPS_ASIDE = 60
 
 
-def device_mesh(geometry) -> Mesh:
+def device_mesh(geometry: Geometry) -> Mesh:
     """A mesh of the package, on the device."""
     colors = jnp.zeros((geometry.num_faces, 3), jnp.float32)
     return Mesh(jnp.asarray(geometry.vertices), jnp.asarray(geometry.faces), colors)
+
+
+def camera_and_light(session: Session, geometry: Geometry) -> tuple[View, View]:
+    """The image whose points are asked about, and the map that answers."""
+    camera = view(geometry, session.projections[-1], session.resolution, STEPS_ASIDE)
+    return camera, view(geometry, session.projections[0], session.resolution)
 
 
 def visible_points(caster: Caster, mesh: Mesh, grid: RayGrid) -> tuple[Array, Array]:

@@ -4,9 +4,8 @@ import numpy as np
 
 from shadowjax.rays.caster import Caster, shadow_rays
 from tests.benchmarks.cases.programs import compiled
-from tests.benchmarks.cases.receivers import device_mesh, visible_points
+from tests.benchmarks.cases.receivers import camera_and_light, device_mesh, visible_points
 from tests.benchmarks.peers.base import Segments
-from tests.benchmarks.scenes import view
 from tests.benchmarks.session import Session
 
 
@@ -27,7 +26,7 @@ def _measure(session: Session, size: str) -> None:
     session.say(f"visibility, {size} triangles")
     ours, geometry = session.ours[0], session.geometry(size)
     mesh = device_mesh(geometry)
-    seen, lit = (view(geometry, kind, session.resolution) for kind in ("perspective", "orthographic"))
+    seen, lit = camera_and_light(session, geometry)
     points, normals = visible_points(ours.caster, mesh, seen.grid)
     arguments = (mesh, lit.grid.space, points, normals)
     calls, beside = {}, {}
@@ -36,7 +35,7 @@ def _measure(session: Session, size: str) -> None:
     mine = np.asarray(answer)
     rays, facing = shadow_rays(*arguments)
     rays, facing = rays.flattened(), np.asarray(facing)
-    segments = Segments(*(np.asarray(x, np.float32) for x in (rays.origins, rays.directions, rays.t_max)))
+    segments = Segments(*(np.array(x, np.float32) for x in (rays.origins, rays.directions, rays.t_max)))
     for peer in (peer for peer in session.peers if peer.can_test_segments):
         peer.prepare(geometry)
         loaded = peer.load_segments(segments)

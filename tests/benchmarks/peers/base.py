@@ -30,7 +30,7 @@ class Contestant(ABC):
     are never timed. Timed methods return only when the work is done.
     """
 
-    name: ClassVar[str]
+    name: str
     kind: ClassVar[str] = "ray caster"
     can_test_segments: ClassVar[bool] = False
     most_rays: ClassVar[int] = 1 << 31  # a program that is very slow is not asked for more than this

@@ -35,7 +35,7 @@ class Open3DScene(Contestant):
         self.scene.cast_rays(self.tensor(np.ones((1, 6), np.float32)))
 
     def load_view(self, view: View) -> Any:
-        """Origin and direction of a ray side by side, as an image (Open3D orders its work by tiles of lists)."""
+        """Origin and direction of a ray side by side, as an image."""
         rays = np.concatenate(rays_of(view), axis=1)
         return self.tensor(rays.reshape(view.grid.num_rows, view.grid.num_cols, 6))
 
