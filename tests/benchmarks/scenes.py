@@ -1,6 +1,7 @@
 """What is measured: one displaced sphere over a plane at any triangle count, files given, and the views of a mesh."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import jax
 import jax.numpy as jnp
@@ -61,6 +62,13 @@ class View:
     grid: RayGrid
     near: float
     far: float
+
+    @cached_property
+    def rays(self) -> tuple[np.ndarray, np.ndarray]:
+        """Origins and unit directions, (N, 3) float32, row by row: the same numbers for every program."""
+        rays = self.grid.rays()
+        origins, directions = (np.array(x, np.float32).reshape(-1, 3) for x in (rays.origins, rays.directions))
+        return origins, directions
 
 
 def sphere_over_plane(size: str) -> Geometry:

@@ -30,7 +30,7 @@ def _fastest(entries: Sequence[Mapping[str, Any]], kinds: Mapping[str, str]) -> 
     """Of each kind of peer, the one with the smallest mean ratio."""
     result = {"ours_ms": _mean([next(iter(entry.values()))["median_ms"] for entry in entries])}
     for kind in ("ray caster", "rasteriser"):
-        names = [name for name in entries[0] if kinds.get(name) == kind]
+        names = [name for name in entries[0] if kinds.get(name) == kind and all(name in entry for entry in entries)]
         if names:
             mean = {name: _mean([entry[name]["ratio"] for entry in entries]) for name in names}
             best = min(mean, key=mean.__getitem__)

@@ -139,5 +139,5 @@ def fragment(results: Mapping[str, Any]) -> str:
     ]
     for title, heads, rows in blocks(results):
         head, rule = " | ".join(heads), " | ".join(["---", *["---:"] * (len(heads) - 1)])
-        lines += [f"## {title}", "", f"| {head} |", f"| {rule} |", *(f"| {' | '.join(row)} |" for row in rows), ""]
+        lines += [f"### {title}", "", f"| {head} |", f"| {rule} |", *(f"| {' | '.join(row)} |" for row in rows), ""]
     return "\n".join(lines)

@@ -74,7 +74,7 @@ def test_page_holds_every_table_and_the_machine(quick):
     assert f"Printed by `{results['command']}`." in page
     assert results["machine"]["processor"] in page
     for title in ("Fastest peers", "Depth maps", "New vertices", "Gradient", "Greatest differences"):
-        assert f"## {title}" in page
+        assert f"### {title}" in page
     rows = [line for line in page.splitlines() if line.startswith("|")]
     assert len(rows) > 20
     assert all(line.endswith("|") for line in rows)

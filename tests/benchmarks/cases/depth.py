@@ -34,10 +34,9 @@ def measure(session: Session, case: str, geometry: Geometry, resolutions: tuple[
         for projection in session.projections:
             session.say(f"{case}, {geometry.name} triangles, {resolution}², {projection}")
             shown = view(geometry, projection, resolution)
-            taking_part = [c for c in session.contestants if resolution**2 <= c.most_rays]
+            taking_part = able(session.contestants, resolution)
             loaded = {c.name: c.load_view(shown) for c in taking_part}
-            beside = {c.name: first_cast(c, loaded[c.name], with_face) for c in taking_part}
-            compare(taking_part, loaded, geometry, shown, with_face, beside)
+            beside = warm_up(taking_part, loaded, geometry, shown, with_face)
             for name, entry in beside.items():
                 entry["build_ms"] = built[name]
             calls = {
@@ -47,27 +46,28 @@ def measure(session: Session, case: str, geometry: Geometry, resolutions: tuple[
             session.measure(case, geometry, shown, calls, beside)
 
 
-def first_cast(contestant: Contestant, loaded: Any, with_face: bool) -> dict[str, Any]:
-    """Compile and warm up: seconds of compilation, planned temporaries and growth of the process in megabytes."""
-    entry: dict[str, Any] = contestant.compile(loaded, with_face)
-    _, entry["resident_mb"] = resident_growth(lambda: contestant.cast(loaded, with_face))
-    contestant.cast(loaded, with_face)
-    return entry
+def able(contestants: list[Contestant], resolution: int) -> list[Contestant]:
+    """Those that are fast enough for so many rays."""
+    return [contestant for contestant in contestants if resolution**2 <= contestant.most_rays]
 
 
-def compare(
-    contestants: list[Contestant],
-    loaded: dict[str, Any],
-    geometry: Geometry,
-    shown: View,
-    with_face: bool,
-    beside: dict[str, dict[str, Any]],
-) -> None:
-    """Add to `beside` how every contestant's picture differs from the first one's."""
-    if shown.grid.num_rows * shown.grid.num_cols > MOST_COMPARED:
-        return
+def warm_up(
+    contestants: list[Contestant], loaded: dict[str, Any], geometry: Geometry, shown: View, with_face: bool
+) -> dict[str, dict[str, Any]]:
+    """Compile and cast once, and compare the pictures with the first contestant's.
+
+    Returns:
+        For each name what compiling took, growth of the process in megabytes, and the differences.
+    """
+    beside: dict[str, dict[str, Any]] = {}
     reference = None
     for contestant in contestants:
-        picture = contestant.read(contestant.cast(loaded[contestant.name], with_face), shown)
-        reference = picture if reference is None else reference
-        beside[contestant.name] |= agreement(*picture, reference, geometry.radius)
+        rays = loaded[contestant.name]
+        entry: dict[str, Any] = contestant.compile(rays, with_face)
+        result, entry["resident_mb"] = resident_growth(lambda c=contestant, rays=rays: c.cast(rays, with_face))
+        if shown.grid.num_rows * shown.grid.num_cols <= MOST_COMPARED:
+            picture = contestant.read(result, shown)
+            reference = picture if reference is None else reference
+            entry |= agreement(*picture, reference, geometry.radius)
+        beside[contestant.name] = entry
+    return beside

@@ -1,7 +1,8 @@
 """What moves: a new light or camera with every call, and new vertices with every call."""
 
-from tests.benchmarks.cases.depth import compare, first_cast
-from tests.benchmarks.scenes import Geometry, view
+from tests.benchmarks.cases.depth import able, warm_up
+from tests.benchmarks.peers.base import Contestant
+from tests.benchmarks.scenes import view
 from tests.benchmarks.session import Session
 from tests.benchmarks.timing import timed
 
@@ -11,44 +12,45 @@ NUM_STEPS = 4
 
 def run_new_view(session: Session) -> None:
     """Another light with every call; nobody has to rebuild, and nobody may have kept anything of the last view."""
+    taking_part = able(session.contestants, session.resolution)
     for size in session.middle_sizes:
         geometry = session.geometry(size)
         session.say(f"new-view, {size} triangles")
         views = [view(geometry, "orthographic", session.resolution, step) for step in range(NUM_STEPS)]
-        loaded, beside = {}, {}
-        for contestant in session.contestants:
+        for contestant in taking_part:
             contestant.prepare(geometry)
-            loaded[contestant.name] = [contestant.load_view(shown) for shown in views]
-            beside[contestant.name] = first_cast(contestant, loaded[contestant.name][0], False)
-        last = {name: rays[-1] for name, rays in loaded.items()}
-        compare(session.contestants, last, geometry, views[-1], False, beside)
+        loaded = {c.name: [c.load_view(shown) for shown in views] for c in taking_part}
+        first = {name: rays[0] for name, rays in loaded.items()}
+        beside = warm_up(taking_part, first, geometry, views[0], False)
         calls = {
             c.name: lambda step, c=c: c.cast(loaded[c.name][step % NUM_STEPS], False)  # noqa: B023
-            for c in session.contestants
+            for c in taking_part
         }
         session.measure("new-view", geometry, views[0], calls, beside)
 
 
 def run_new_vertices(session: Session) -> None:
     """New vertices from the host with every call: copy, rebuild whatever there is to rebuild, and cast."""
+    taking_part = able(session.contestants, session.resolution)
     for size in session.middle_sizes:
         geometry = session.geometry(size)
         session.say(f"new-vertices, {size} triangles")
         shapes = [geometry.moved(step) for step in range(NUM_STEPS)]
         shown = view(geometry, "orthographic", session.resolution)
-        loaded, beside = {}, {}
-        for contestant in session.contestants:
+        moving = {}
+        for contestant in taking_part:
             contestant.prepare(geometry)
-            loaded[contestant.name] = contestant.load_view(shown)
-            beside[contestant.name] = first_cast(contestant, loaded[contestant.name], False)
             contestant.move(shapes[0])
-            _, beside[contestant.name]["move_ms"] = timed(lambda c=contestant: c.move(shapes[-1]))  # noqa: B023
-        moved = Geometry(geometry.name, shapes[-1], geometry.faces, geometry.centre, geometry.radius)
-        compare(session.contestants, loaded, moved, shown, False, beside)
+            _, moving[contestant.name] = timed(lambda c=contestant: c.move(shapes[-1]))  # noqa: B023
+        loaded = {c.name: c.load_view(shown) for c in taking_part}
+        # The pictures compared show the mesh after it moved: a rebuild that did nothing would differ.
+        beside = warm_up(taking_part, loaded, geometry, shown, False)
+        for name, entry in beside.items():
+            entry["move_ms"] = moving[name]
 
-        def call(contestant, step):
+        def call(contestant: Contestant, step: int) -> None:
             contestant.move(shapes[step % NUM_STEPS])  # noqa: B023
             contestant.cast(loaded[contestant.name], False)  # noqa: B023
 
-        calls = {c.name: lambda step, c=c, call=call: call(c, step) for c in session.contestants}
+        calls = {c.name: lambda step, c=c, call=call: call(c, step) for c in taking_part}
         session.measure("new-vertices", geometry, shown, calls, beside)

@@ -30,8 +30,8 @@ def run(session: Session) -> None:
         geometry = session.geometry(size)
         mesh = device_mesh(geometry)
         seen, lit = camera_and_light(session, geometry)
-        points, _ = visible_points(caster, mesh, seen.grid)
         ours.prepare(geometry)
+        points, _ = visible_points(ours, mesh, seen.grid)
         depth = ours.cast(lit.grid, False)
         calls, beside = {}, {}
         for name, function, source in (

@@ -3,10 +3,10 @@
 import jax
 import jax.numpy as jnp
 
-from shadowjax import Mesh
+from shadowjax import Mesh, intersect
 from shadowjax._types import Array
-from shadowjax.rays.caster import Caster
 from shadowjax.rays.ray_grid import RayGrid
+from tests.benchmarks.ours import Shadowjax
 from tests.benchmarks.scenes import Geometry, View, view
 from tests.benchmarks.session import Session
 
@@ -26,15 +26,21 @@ def camera_and_light(session: Session, geometry: Geometry) -> tuple[View, View]:
     return camera, view(geometry, session.projections[0], session.resolution)
 
 
-def visible_points(caster: Caster, mesh: Mesh, grid: RayGrid) -> tuple[Array, Array]:
-    """First hits of a camera's rays and their unit normals, on the side that the camera sees."""
+def visible_points(ours: Shadowjax, mesh: Mesh, grid: RayGrid) -> tuple[Array, Array]:
+    """First hits of a camera's rays and their unit normals, on the side that the camera sees.
+
+    Args:
+        ours: Casts; it has been given the mesh.
+        mesh: The same mesh.
+        grid: The camera.
+    """
+    _, face = ours.cast(grid, True)
 
     @jax.jit
-    def trace(mesh: Mesh, grid: RayGrid) -> tuple[Array, Array]:
-        hit = caster.closest_on_grid(mesh, grid)
+    def locate(mesh: Mesh, grid: RayGrid, face: Array) -> tuple[Array, Array]:
         rays = grid.rays()
-        normals = mesh.face_normals()[jnp.maximum(hit.face, 0)]
+        normals = mesh.face_normals()[jnp.maximum(face, 0)]
         away = jnp.sum(normals * rays.directions, axis=-1, keepdims=True) > 0
-        return rays.at(hit.depth), jnp.where(away, -normals, normals)
+        return rays.at(intersect(mesh, rays, face).depth), jnp.where(away, -normals, normals)
 
-    return jax.block_until_ready(trace(mesh, grid))
+    return jax.block_until_ready(locate(mesh, grid, face))

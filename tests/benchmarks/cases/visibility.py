@@ -27,7 +27,8 @@ def _measure(session: Session, size: str) -> None:
     ours, geometry = session.ours[0], session.geometry(size)
     mesh = device_mesh(geometry)
     seen, lit = camera_and_light(session, geometry)
-    points, normals = visible_points(ours.caster, mesh, seen.grid)
+    ours.prepare(geometry)
+    points, normals = visible_points(ours, mesh, seen.grid)
     arguments = (mesh, lit.grid.space, points, normals)
     calls, beside = {}, {}
     calls[ours.name], beside[ours.name], answer = compiled(ours.caster.visible, *arguments)

@@ -77,14 +77,6 @@ class Contestant(ABC):
         return {}
 
 
-def rays_of(view: View) -> tuple[np.ndarray, np.ndarray]:
-    """Origins and unit directions of a view's rays, (N, 3) float32, row by row: the same numbers for every program."""
-    rays = view.grid.rays()
-    return tuple(
-        np.ascontiguousarray(np.asarray(x, np.float32).reshape(-1, 3)) for x in (rays.origins, rays.directions)
-    )
-
-
 def as_image(values: np.ndarray, view: View) -> np.ndarray:
     """A flat list of per-ray values as (rows, cols)."""
     return np.asarray(values).reshape(view.grid.num_rows, view.grid.num_cols)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.benchmarks.peers.base import Contestant, Segments, as_image, rays_of
+from tests.benchmarks.peers.base import Contestant, Segments, as_image
 from tests.benchmarks.scenes import Geometry, View
 
 
@@ -36,7 +36,7 @@ class EmbreexRaw(Contestant):
 
     def load_view(self, view: View) -> Any:
         """The arrays as they are."""
-        return rays_of(view)
+        return view.rays
 
     def cast(self, loaded: Any, with_face: bool) -> Any:
         """The distance query, or all that Embree reports of a hit (it has no query for the distance and face alone)."""

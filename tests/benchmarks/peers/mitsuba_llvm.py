@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.benchmarks.peers.base import Absent, Contestant, Segments, as_image, rays_of
+from tests.benchmarks.peers.base import Absent, Contestant, Segments, as_image
 from tests.benchmarks.scenes import Geometry, View
 
 
@@ -62,7 +62,7 @@ class MitsubaLLVM(Contestant):
 
     def load_view(self, view: View) -> Any:
         """Evaluated arrays in Dr.Jit's memory."""
-        return self._rays(*rays_of(view))
+        return self._rays(*view.rays)
 
     def cast(self, loaded: Any, with_face: bool) -> Any:
         """Preliminary intersections; only what is asked for is computed and stored."""
@@ -105,4 +105,5 @@ class MitsubaLLVMDefault(MitsubaLLVM):
 
     name = "Mitsuba LLVM, no hint"
     coherent = False
+    most_rays = 1 << 20
     can_test_segments = False

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.benchmarks.peers.base import Contestant, Segments, as_image, rays_of
+from tests.benchmarks.peers.base import Contestant, Segments, as_image
 from tests.benchmarks.scenes import Geometry, View
 
 
@@ -36,7 +36,7 @@ class Open3DScene(Contestant):
 
     def load_view(self, view: View) -> Any:
         """Origin and direction of a ray side by side, as an image."""
-        rays = np.concatenate(rays_of(view), axis=1)
+        rays = np.concatenate(view.rays, axis=1)
         return self.tensor(rays.reshape(view.grid.num_rows, view.grid.num_cols, 6))
 
     def cast(self, loaded: Any, with_face: bool) -> Any:
