@@ -69,7 +69,7 @@ class Shadowjax(Contestant):
         program = jax.jit(self.casts[with_face]).lower(self.mesh, loaded).compile()
         seconds = time.perf_counter() - start
         self.programs[_key(loaded, with_face)] = program
-        return {"compile_s": seconds, "temporaries_mb": program.memory_analysis().temp_size_in_bytes / 1e6}
+        return {"compile_s": seconds, "temporaries_mb": planned_megabytes(program)}
 
     def read(self, result: Any, view: View) -> tuple[np.ndarray, np.ndarray | None]:
         """Depth `far` is a miss."""
@@ -77,6 +77,12 @@ class Shadowjax(Contestant):
         depth = np.asarray(depth, np.float64)
         missed = depth >= float(view.grid.far) if face is None else np.asarray(face) < 0
         return np.where(missed, np.inf, depth), None if face is None else np.asarray(face)
+
+
+def planned_megabytes(program: jax.stages.Compiled) -> float | None:
+    """What XLA sets aside for temporaries of a compiled program, beside arguments and result, if it tells."""
+    plan = program.memory_analysis()
+    return None if plan is None else plan.temp_size_in_bytes / 1e6
 
 
 def _key(grid: RayGrid, with_face: bool) -> tuple:
@@ -87,4 +93,4 @@ def _key(grid: RayGrid, with_face: bool) -> tuple:
 # More ways to run the package join here, for example
 # "shadowjax (2 devices)": lambda: Shadowjax(SomeCaster, "shadowjax (2 devices)", num_devices=2).
 # The first one listed is what all ratios refer to.
-VARIANTS: dict[str, Callable[[], Contestant]] = {"shadowjax": Shadowjax}
+VARIANTS: dict[str, Callable[[], Shadowjax]] = {"shadowjax": Shadowjax}

@@ -15,9 +15,9 @@ from shadowjax.io import write_json, write_text
 from shadowjax.report.machine import machine
 from tests.benchmarks.cases import CASES
 from tests.benchmarks.fit import laws
-from tests.benchmarks.ours import VARIANTS
+from tests.benchmarks.ours import VARIANTS, Shadowjax
 from tests.benchmarks.peers import ALWAYS, PEERS, start
-from tests.benchmarks.peers.base import Absent, Contestant
+from tests.benchmarks.peers.base import Absent
 from tests.benchmarks.scenes import PROJECTIONS, SPHERES
 from tests.benchmarks.session import Session
 from tests.benchmarks.summary import ratios
@@ -132,7 +132,7 @@ def prepare(options: Options) -> tuple[Session, dict[str, str]]:
     return session, absent
 
 
-def _variants(asked: tuple[str, ...], absent: dict[str, str]) -> list[Contestant]:
+def _variants(asked: tuple[str, ...], absent: dict[str, str]) -> list[Shadowjax]:
     """Our own contestants; those that cannot run here join the absent."""
     ours = []
     for name in [require_choice(name, "variant", VARIANTS) for name in asked] or list(VARIANTS):

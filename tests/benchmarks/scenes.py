@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -89,9 +90,9 @@ def from_file(path: str) -> Geometry:
     mesh = load(path, dtype=jnp.float32)
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     lower, upper = vertices.min(0), vertices.max(0)
-    centre = tuple(float(x) for x in 0.5 * (lower + upper))
+    x, y, z = (float(middle) for middle in 0.5 * (lower + upper))
     name = path.replace("\\", "/").rsplit("/", 1)[-1]
-    return Geometry(name, vertices, faces, centre, float(0.5 * np.linalg.norm(upper - lower)))
+    return Geometry(name, vertices, faces, (x, y, z), float(0.5 * np.linalg.norm(upper - lower)))
 
 
 def view(geometry: Geometry, projection: str, resolution: int, step: int = 0) -> View:
@@ -139,7 +140,8 @@ def _depth_range(geometry: Geometry, grid: RayGrid) -> tuple[float, float]:
 
 def along(grid: RayGrid) -> tuple[np.ndarray, np.ndarray]:
     """Rows across, up, view direction of a grid's rays in double precision, and where their depth is 0."""
-    frame = np.asarray(grid.space.frame, np.float64)
-    if isinstance(grid.space, DirectionalSpace):
-        return np.stack([frame[0], frame[2], -frame[1]]), np.asarray(grid.space.origin, np.float64)
-    return frame, np.asarray(grid.space.position, np.float64)
+    space: Any = grid.space
+    frame = np.asarray(space.frame, np.float64)
+    if isinstance(space, DirectionalSpace):
+        return np.stack([frame[0], frame[2], -frame[1]]), np.asarray(space.origin, np.float64)
+    return frame, np.asarray(space.position, np.float64)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from tests.benchmarks.ours import Shadowjax
 from tests.benchmarks.peers.base import Contestant
 from tests.benchmarks.scenes import Geometry, View, from_file, sphere_over_plane
 from tests.benchmarks.timing import interleave
@@ -32,7 +33,7 @@ class Session:
         records: What has been measured: one for each case, mesh, view and resolution.
     """
 
-    ours: list[Contestant]
+    ours: list[Shadowjax]
     peers: list[Contestant]
     sizes: tuple[str, ...]
     middle_sizes: tuple[str, ...]

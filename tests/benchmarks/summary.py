@@ -28,7 +28,7 @@ def ratios(records: Sequence[Mapping[str, Any]], kinds: Mapping[str, str]) -> li
 
 def _fastest(entries: Sequence[Mapping[str, Any]], kinds: Mapping[str, str]) -> dict[str, Any]:
     """Of each kind of peer, the one with the smallest mean ratio."""
-    result = {"ours_ms": _mean([next(iter(entry.values()))["median_ms"] for entry in entries])}
+    result: dict[str, Any] = {"ours_ms": _mean([next(iter(entry.values()))["median_ms"] for entry in entries])}
     for kind in ("ray caster", "rasteriser"):
         names = [name for name in entries[0] if kinds.get(name) == kind and all(name in entry for entry in entries)]
         if names:

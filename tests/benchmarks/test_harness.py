@@ -157,7 +157,7 @@ def test_rasteriser_gets_the_same_view(projection):
     clip = np.concatenate([points, np.ones((len(points), 1))], axis=1) @ clip_from_world(shown).T
     device = clip[:, :3] / clip[:, 3:]
     np.testing.assert_allclose(16 * (device[:, :2] + 1), position, atol=1e-3)
-    assert (np.abs(device) <= 1).all(axis=1)[:-1].all()
+    assert np.abs(device[:-1]).max() <= 1
     order = np.argsort(distance) if isinstance(shown.grid.space, DirectionalSpace) else np.argsort(clip[:, 3])
     assert (np.diff(device[order, 2]) >= -1e-6).all()
 

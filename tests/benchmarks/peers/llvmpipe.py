@@ -40,18 +40,21 @@ class Llvmpipe(Contestant):
         os.environ.setdefault("LIBGL_ALWAYS_SOFTWARE", "1")
         import moderngl
 
+        create: Any = moderngl.create_context
         try:
-            self.gl = moderngl.create_context(standalone=True, backend="egl", require=330)
+            self.gl = create(standalone=True, backend="egl", require=330)
         except Exception as error:  # whatever the loader of EGL raises, there is no rasteriser
             raise Absent(f"no EGL context (Debian: apt-get install libegl1 libgl1-mesa-dri): {error}") from error
         if "llvmpipe" not in self.gl.info["GL_RENDERER"]:
             raise Absent(f"EGL gives {self.gl.info['GL_RENDERER']}, not llvmpipe; set LIBGL_ALWAYS_SOFTWARE=1")
         self.gl.enable_only(moderngl.DEPTH_TEST)
-        self.programs = {
+        self.programs: dict[bool, Any] = {
             False: self.gl.program(vertex_shader=VERTEX, fragment_shader=NOTHING),
             True: self.gl.program(vertex_shader=VERTEX, fragment_shader=FACE),
         }
-        self.targets, self.vertices, self.arrays = {}, None, {}
+        self.targets: dict[Any, Any] = {}
+        self.arrays: dict[bool, Any] = {}
+        self.vertices: Any = None
 
     def version(self) -> str:
         """Renderer and Mesa."""
@@ -138,7 +141,8 @@ class LlvmpipeReadback(Llvmpipe):
 def clip_from_world(view: View) -> np.ndarray:
     """The matrix that puts cell (row, column) of a grid at the same pixel: window row 0 is the grid's row 0."""
     frame, origin = along(view.grid)
-    lower, upper = (np.asarray(x, np.float64) for x in (view.grid.plane_map.lower, view.grid.plane_map.upper))
+    box: Any = view.grid.plane_map
+    lower, upper = (np.asarray(x, np.float64) for x in (box.lower, box.upper))
     scale, shift = 2 / (upper - lower), -(upper + lower) / (upper - lower)
     near, far = view.near, view.far
     clip = np.zeros((4, 4))

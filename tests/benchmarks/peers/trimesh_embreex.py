@@ -1,5 +1,6 @@
 """Embree as most Python programs meet it: through trimesh."""
 
+import importlib.metadata
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ class TrimeshEmbreex(Contestant):
 
     def version(self) -> str:
         """Of trimesh."""
-        return trimesh.__version__
+        return importlib.metadata.version("trimesh")
 
     def prepare(self, geometry: Geometry) -> None:
         """A mesh and its intersector, which builds its scene at the first query."""
