@@ -83,20 +83,25 @@ def _cost_block(title: str, records: Sequence[Mapping[str, Any]]) -> Block:
 
 def _agreement_block(records: Sequence[Mapping[str, Any]]) -> Iterator[Block]:
     """The worst agreement of every contestant over all pictures."""
-    keys = ("depth_median_difference", "depth_differs_percent", "face_differs_percent", "visibility_differs_percent")
+    heads = {
+        "depth_median_difference": "depth, median, radii",
+        "depth_differs_percent": "depth, % of cells",
+        "face_differs_percent": "triangle, % of cells",
+        "visibility_differs_percent": "visibility, % of points",
+        "gradient_differs_percent": "gradient, % of its norm",
+    }
     worst: dict[str, dict[str, float]] = {}
     for record in records:
         for name, entry in record["contestants"].items():
-            for key in keys:
+            for key in heads:
                 if key in entry:
                     mine = worst.setdefault(name, {})
                     mine[key] = max(mine.get(key, 0.0), entry[key])
     if worst:
         rows = [
-            [name, *("" if key not in entry else f"{entry[key]:.2g}" for key in keys)] for name, entry in worst.items()
+            [name, *("" if key not in entry else f"{entry[key]:.2g}" for key in heads)] for name, entry in worst.items()
         ]
-        heads = ["", "depth, median, radii", "depth, % of cells", "triangle, % of cells", "visibility, % of points"]
-        yield "Greatest differences from the first contestant", heads, rows
+        yield "Greatest differences from the first contestant", ["", *heads.values()], rows
 
 
 def _law_block(laws: Mapping[str, Mapping[str, Any]]) -> Block:

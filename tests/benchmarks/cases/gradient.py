@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from shadowjax import Mesh
 from shadowjax._types import Array
@@ -14,7 +15,11 @@ from tests.benchmarks.session import Session
 
 
 def run(session: Session) -> None:
-    """The loss is the mean squared difference from the depth map of another shape."""
+    """The loss is the mean squared difference from the depth map of another shape.
+
+    Peers that differentiate keep the tree that they have. Their gradient is compared with ours: the norm of the
+    difference in per cents of the norm.
+    """
     ours = session.ours[0]
     caster = ours.caster
 
@@ -31,5 +36,14 @@ def run(session: Session) -> None:
         target = ours.cast(shown.grid, False)
         calls, beside = {}, {}
         for name, function in (("loss", loss), ("loss and gradient", jax.value_and_grad(loss))):
-            calls[name], beside[name], _ = compiled(function, mesh.vertices, mesh, shown.grid, target)
+            calls[name], beside[name], result = compiled(function, mesh.vertices, mesh, shown.grid, target)
+        gradient = np.asarray(result[1])
+        for peer in (peer for peer in session.peers if peer.can_differentiate):
+            peer.prepare(geometry)
+            held = peer.load_view(shown), peer.load_target(np.asarray(target))
+            theirs = np.asarray(peer.loss_and_gradient(*held)[1]).reshape(gradient.shape)
+            off = np.linalg.norm(theirs - gradient) / np.linalg.norm(gradient)
+            name = f"{peer.name}, gradient"
+            beside[name] = {"gradient_differs_percent": float(100 * off)}
+            calls[name] = lambda step, peer=peer, held=held: peer.loss_and_gradient(*held)
         session.measure("gradient", geometry, shown, calls, beside)

@@ -33,6 +33,7 @@ class Contestant(ABC):
     name: str
     kind: ClassVar[str] = "ray caster"
     can_test_segments: ClassVar[bool] = False
+    can_differentiate: ClassVar[bool] = False
     most_rays: ClassVar[int] = 1 << 31  # a program that is very slow is not asked for more than this
 
     @abstractmethod
@@ -69,6 +70,14 @@ class Contestant(ABC):
 
     def read_occluded(self, result: Any) -> np.ndarray:
         """The answers of `occluded` as booleans."""
+        raise NotImplementedError
+
+    def loss_and_gradient(self, loaded: Any, target: Any) -> tuple[float, np.ndarray]:
+        """Mean squared difference of depth from a target, and its derivative by every vertex, (V, 3)."""
+        raise NotImplementedError
+
+    def load_target(self, depth: np.ndarray) -> Any:
+        """A depth map in the program's own form."""
         raise NotImplementedError
 
     def compile(self, loaded: Any, with_face: bool) -> dict[str, Any]:

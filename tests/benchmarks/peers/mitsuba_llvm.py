@@ -13,6 +13,7 @@ class MitsubaLLVM(Contestant):
 
     name = "Mitsuba LLVM"
     can_test_segments = True
+    can_differentiate = True
     variant = "llvm_ad_rgb"
     coherent = True
 
@@ -99,6 +100,26 @@ class MitsubaLLVM(Contestant):
         """As cast."""
         return result.numpy()
 
+    def load_target(self, depth: np.ndarray) -> Any:
+        """Row by row."""
+        return self.mi.Float(np.ascontiguousarray(depth, np.float32).ravel())
+
+    def loss_and_gradient(self, loaded: Any, target: Any) -> tuple[Any, Any]:
+        """Reverse mode through the intersection; the tree stays as it is."""
+        positions = self.parts[self.key]
+        if not self.dr.grad_enabled(positions):
+            self.dr.enable_grad(positions)
+            self.parts.update()
+        self.dr.set_grad(positions, 0)
+        # The fewest things about a hit that still let its distance be differentiated.
+        hit = self.scene.ray_intersect(loaded, int(self.mi.RayFlags.Minimal), self.coherent)
+        loss = self.dr.mean(self.dr.square(hit.t - target))
+        self.dr.backward(loss)
+        gradient = self.dr.grad(positions)
+        self.dr.eval(loss, gradient)
+        self.dr.sync_thread()
+        return loss, gradient
+
 
 class MitsubaLLVMDefault(MitsubaLLVM):
     """The same without the hint that rays are coherent, which is what a call without options does: no packets."""
@@ -107,3 +128,4 @@ class MitsubaLLVMDefault(MitsubaLLVM):
     coherent = False
     most_rays = 1 << 20
     can_test_segments = False
+    can_differentiate = False
