@@ -88,7 +88,7 @@ def _agreement_block(records: Sequence[Mapping[str, Any]]) -> Iterator[Block]:
         "depth_differs_percent": "depth, % of cells",
         "face_differs_percent": "triangle, % of cells",
         "visibility_differs_percent": "visibility, % of points",
-        "gradient_differs_percent": "gradient, % of its norm",
+        "gradient_median_difference_percent": "gradient, median %",
     }
     worst: dict[str, dict[str, float]] = {}
     for record in records:
