@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import tyro
 from rich.console import Console
 
-from shadowjax._checks import require, require_choice
+from shadowjax._checks import require, require_choice, require_int
 from shadowjax.io import write_json, write_text
 from shadowjax.report.machine import machine
 from tests.benchmarks.cases import CASES
@@ -24,6 +24,7 @@ from tests.benchmarks.summary import ratios
 from tests.benchmarks.table import fragment, show
 
 SCHEMA = 1
+NO_PEERS = ("none",)
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class Options:
         resolutions: Cells along each side of the depth maps.
         devices: Devices that JAX makes of the processor, for variants that use several.
         mesh: Mesh files to measure as well.
-        rounds: Timed calls of everybody, at least 7 for figures to publish.
+        rounds: Timed calls of everybody, at least 7 for figures to publish; 0 for that, or 3 if quick.
         json: Where the results go.
         page: Where the tables go as Markdown for the documentation; nowhere if not given.
     """
@@ -77,13 +78,11 @@ def run(options: Options, console: Console | None = None) -> dict[str, Any]:
     """
     console = console or Console(highlight=False)
     begin = time.monotonic()
-    names = [require_choice(name, "case", CASES) for name in options.only] or list(CASES)
-    for path in options.mesh:
-        require(Path(path).is_file(), f"no such mesh file: {path}")
+    check(options)
     session, absent = prepare(options)
     log = Console(stderr=True, highlight=False)
     session.say = lambda text: log.print(f"{time.monotonic() - begin:6.1f} s  {text}", soft_wrap=True)
-    for name in names:
+    for name in options.only or CASES:
         CASES[name](session)
     results = {
         "schema": SCHEMA,
@@ -106,14 +105,29 @@ def run(options: Options, console: Console | None = None) -> dict[str, Any]:
     return results
 
 
+def check(options: Options) -> None:
+    """Complain of what is unknown before any work is done."""
+    for value, name, known in (
+        (options.only, "case", CASES),
+        (() if options.peers == NO_PEERS else options.peers, "peer", PEERS),
+        (options.variants, "variant", VARIANTS),
+        (options.sizes, "size", SPHERES),
+    ):
+        for item in value:
+            require_choice(item, name, known)
+    for resolution in options.resolutions:
+        require_int(resolution, "a resolution", 1)
+    require_int(options.rounds, "rounds", 0)
+    require_int(options.devices, "devices", 1)
+    for path in options.mesh:
+        require(Path(path).is_file(), f"no such mesh file: {path}")
+
+
 def prepare(options: Options) -> tuple[Session, dict[str, str]]:
     """The session of the options, and the peers that are absent with the reason."""
-    require(options.rounds >= 0, f"rounds must be at least 1; got {options.rounds}")
-    for size in options.sizes:
-        require_choice(size, "size", SPHERES)
     everybody = [name for name in PEERS if name in ALWAYS] if options.quick else list(PEERS)
-    asked = [] if options.peers == ("none",) else list(options.peers) or everybody
-    peers, absent = start(require_choice(name, "peer", PEERS) for name in asked)
+    asked = [] if options.peers == NO_PEERS else options.peers or everybody
+    peers, absent = start(asked)
     ours = _variants(options.variants, absent)
     quick = options.quick
     sizes = options.sizes or (("1 k",) if quick else tuple(SPHERES))
@@ -135,7 +149,7 @@ def prepare(options: Options) -> tuple[Session, dict[str, str]]:
 def _variants(asked: tuple[str, ...], absent: dict[str, str]) -> list[Shadowjax]:
     """Our own contestants; those that cannot run here join the absent."""
     ours = []
-    for name in [require_choice(name, "variant", VARIANTS) for name in asked] or list(VARIANTS):
+    for name in asked or VARIANTS:
         try:
             ours.append(VARIANTS[name]())
         except Absent as error:

@@ -52,7 +52,7 @@ def _ratio_block(ratios: Sequence[Mapping[str, Any]]) -> Block:
             peer = entry.get(kind)
             row.append("" if peer is None else f"{peer['ratio']:.2f} ({peer['name']})")
         rows.append(row)
-    heads = ["case", "triangles", "rays", "ours, ms", "fastest ray caster ÷ ours", "fastest rasteriser ÷ ours"]
+    heads = ["case", "mesh", "rays", "ours, ms", "fastest ray caster ÷ ours", "fastest rasteriser ÷ ours"]
     return "Fastest peers, times over ours", heads, rows
 
 

@@ -32,7 +32,7 @@ def measure(session: Session, case: str, geometry: Geometry, resolutions: tuple[
         _, built[contestant.name] = timed(lambda contestant=contestant: contestant.prepare(geometry))
     for resolution in resolutions:
         for projection in session.projections:
-            session.say(f"{case}, {geometry.name} triangles, {resolution}², {projection}")
+            session.say(f"{case}, {geometry.name}, {resolution}², {projection}")
             shown = view(geometry, projection, resolution)
             taking_part = able(session.contestants, resolution)
             loaded = {c.name: c.load_view(shown) for c in taking_part}

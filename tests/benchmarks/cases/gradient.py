@@ -27,7 +27,7 @@ def run(session: Session) -> None:
         return jnp.mean((caster.depth_on_grid(moved, grid) - target) ** 2)
 
     for size in session.middle_sizes:
-        session.say(f"gradient, {size} triangles")
+        session.say(f"gradient, {size}")
         geometry = session.geometry(size)
         mesh, shown = device_mesh(geometry), view(geometry, "orthographic", session.resolution)
         ours.prepare(geometry)

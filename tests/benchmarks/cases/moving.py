@@ -15,7 +15,7 @@ def run_new_view(session: Session) -> None:
     taking_part = able(session.contestants, session.resolution)
     for size in session.middle_sizes:
         geometry = session.geometry(size)
-        session.say(f"new-view, {size} triangles")
+        session.say(f"new-view, {size}")
         views = [view(geometry, "orthographic", session.resolution, step) for step in range(NUM_STEPS)]
         for contestant in taking_part:
             contestant.prepare(geometry)
@@ -34,7 +34,7 @@ def run_new_vertices(session: Session) -> None:
     taking_part = able(session.contestants, session.resolution)
     for size in session.middle_sizes:
         geometry = session.geometry(size)
-        session.say(f"new-vertices, {size} triangles")
+        session.say(f"new-vertices, {size}")
         shapes = [geometry.moved(step) for step in range(NUM_STEPS)]
         shown = view(geometry, "orthographic", session.resolution)
         moving = {}

@@ -26,7 +26,7 @@ def run(session: Session) -> None:
         return read(caster.depth_on_grid(mesh, grid), grid, points)
 
     for size in session.middle_sizes:
-        session.say(f"multi-depth, {size} triangles")
+        session.say(f"multi-depth, {size}")
         geometry = session.geometry(size)
         mesh = device_mesh(geometry)
         seen, lit = camera_and_light(session, geometry)

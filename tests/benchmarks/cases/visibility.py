@@ -23,7 +23,7 @@ def run(session: Session) -> None:
 
 
 def _measure(session: Session, size: str) -> None:
-    session.say(f"visibility, {size} triangles")
+    session.say(f"visibility, {size}")
     ours, geometry = session.ours[0], session.geometry(size)
     mesh = device_mesh(geometry)
     seen, lit = camera_and_light(session, geometry)
