@@ -136,7 +136,7 @@ def fragment(results: Mapping[str, Any]) -> str:
     lines = [
         f"Machine: {machine['processor']}, {machine['cores']} cores, {machine['system']}, device {machine['device']};",
         f"Python {machine['python']}, JAX {machine['jax']}, {machine['dtype']}; {machine['date']}. "
-        f"Printed by `{results['command']}`.",
+        f"Printed by `{results['command']}` in {results['seconds']:.0f} s.",
         "",
         *(f"- {name}: {version}" for name, version in results["versions"].items()),
         *(f"- {name}: absent ({reason})" for name, reason in results["absent"].items()),

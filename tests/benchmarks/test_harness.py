@@ -99,7 +99,7 @@ def test_both_cast_the_same_pictures(quick):
 
 def test_page_holds_every_table_and_the_machine(quick):
     results, page = quick
-    assert f"Printed by `{results['command']}`." in page
+    assert f"Printed by `{results['command']}` in {results['seconds']:.0f} s." in page
     assert results["machine"]["processor"] in page
     for title in ("Fastest peers", "Depth maps", "New vertices", "Gradient", "Greatest differences"):
         assert f"### {title}" in page
