@@ -6,8 +6,9 @@ PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3 python; do \
 	"$$p" -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && { echo "$$p"; break; }; done)
 BIN := .venv/bin
 REPORT_ARGS ?=
+BENCH_ARGS ?=
 
-.PHONY: help install report test lint docs bench experiments clean
+.PHONY: help install peers report test lint docs bench experiments clean
 
 help: ## list what can be made
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /  make \1\t/' | expand -t 22
@@ -19,6 +20,9 @@ help: ## list what can be made
 	@touch $@
 
 install: .venv/.installed ## local environment in .venv
+
+peers: .venv/.installed ## the other ray casters that `make bench` compares with
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[peers]'
 
 report: .venv/.installed ## shadows of the default scene, compared with the exact answer → out/index.html
 	$(BIN)/shadowjax report $(REPORT_ARGS)
@@ -35,7 +39,8 @@ lint: .venv/.installed ## ruff, pyright, import-linter
 docs: .venv/.installed ## the documentation site → docs/_build/html
 	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html
 
-bench: .venv/.installed ## benchmarks of this machine
+bench: .venv/.installed ## this machine: the package and whatever peers are installed → benchmarks/results.json
+	$(BIN)/python -m tests.benchmarks --page docs/_measured/benchmarks.md $(BENCH_ARGS)
 	$(BIN)/python -m pytest tests/benchmarks --benchmark-enable --benchmark-only -p no:xdist
 
 experiments: .venv/.installed ## every figure and table with its claims

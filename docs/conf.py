@@ -30,7 +30,7 @@ extensions = [
     "ledger_tables",
     "command_options",
 ]
-exclude_patterns = ["_build", "_ext", "_static", "**/.ipynb_checkpoints"]
+exclude_patterns = ["_build", "_ext", "_measured", "_static", "**/.ipynb_checkpoints"]
 
 # Notebooks: MyST Markdown, executed by the build; an error in one is an error of the build.
 nb_execution_mode = "cache"

@@ -1,0 +1,47 @@
+"""Exact visibility of a camera's image: is there anything between each visible point and the light?"""
+
+import numpy as np
+
+from shadowjax.rays.caster import Caster, shadow_rays
+from tests.benchmarks.cases.programs import compiled
+from tests.benchmarks.cases.receivers import camera_and_light, device_mesh, visible_points
+from tests.benchmarks.peers.base import Segments
+from tests.benchmarks.session import Session
+
+
+def run(session: Session) -> None:
+    """Ours from points and normals; peers get the finished shadow rays, and rasterisers have no exact test.
+
+    The time of a depth map of as many texels stands beside it, in the same rounds.
+    """
+    caster = session.ours[0].caster
+    if type(caster).visible is Caster.visible:
+        session.say("visibility: left out, this caster has no test of its own for coherent shadow rays")
+        return
+    for size in session.middle_sizes:
+        _measure(session, size)
+
+
+def _measure(session: Session, size: str) -> None:
+    session.say(f"visibility, {size}")
+    ours, geometry = session.ours[0], session.geometry(size)
+    mesh = device_mesh(geometry)
+    seen, lit = camera_and_light(session, geometry)
+    ours.prepare(geometry)
+    points, normals = visible_points(ours, mesh, seen.grid)
+    arguments = (mesh, lit.grid.space, points, normals)
+    calls, beside = {}, {}
+    calls[ours.name], beside[ours.name], answer = compiled(ours.caster.visible, *arguments)
+    calls["depth map"], beside["depth map"], _ = compiled(ours.caster.depth_on_grid, mesh, lit.grid)
+    mine = np.asarray(answer)
+    rays, facing = shadow_rays(*arguments)
+    rays, facing = rays.flattened(), np.asarray(facing)
+    segments = Segments(*(np.array(x, np.float32) for x in (rays.origins, rays.directions, rays.t_max)))
+    for peer in (peer for peer in session.peers if peer.can_test_segments):
+        peer.prepare(geometry)
+        loaded = peer.load_segments(segments)
+        theirs = facing & ~peer.read_occluded(peer.occluded(loaded)).reshape(facing.shape)
+        beside[peer.name] = {"visibility_differs_percent": float(100 * np.mean(theirs != mine))}
+        calls[peer.name] = lambda step, peer=peer, loaded=loaded: peer.occluded(loaded)
+    record = session.measure("visibility", geometry, seen, calls, beside)
+    record["lit_percent"] = float(100 * mine.mean())

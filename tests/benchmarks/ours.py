@@ -1,0 +1,96 @@
+"""The package's own contestants: one for each way to run its caster, by name."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import shadowjax
+from shadowjax import Mesh
+from shadowjax.rays.caster import Caster
+from shadowjax.rays.grid import Grid
+from shadowjax.rays.ray_grid import RayGrid
+from tests.benchmarks.peers.base import Absent, Contestant
+from tests.benchmarks.scenes import Geometry, View
+
+
+class Shadowjax(Contestant):
+    """A caster of the package. Vertices, faces and view are arguments of compiled code: nothing is built beforehand."""
+
+    name = "shadowjax"
+    kind = "this package"
+
+    def __init__(self, make_caster: Callable[[], Caster] = Grid, name: str = "shadowjax", num_devices: int = 1):
+        if len(jax.devices()) < num_devices:
+            raise Absent(f"needs {num_devices} devices; run with --devices {num_devices}")
+        self.name = name
+        caster: Any = make_caster()
+        self.caster = caster
+        self.casts = {False: caster.depth_on_grid, True: caster.faces_on_grid}
+        self.programs: dict[Any, Any] = {}
+
+    def version(self) -> str:
+        """Of the package and of JAX."""
+        device = jax.devices()[0]
+        return f"{shadowjax.__version__} (JAX {jax.__version__}, {len(jax.devices())} × {device.device_kind})"
+
+    def prepare(self, geometry: Geometry) -> None:
+        """Copy the mesh to the device."""
+        mesh = Mesh(
+            jnp.asarray(geometry.vertices),
+            jnp.asarray(geometry.faces),
+            jnp.zeros((geometry.num_faces, 3), jnp.float32),
+        )
+        self.mesh = jax.block_until_ready(mesh)
+        self.programs.clear()
+
+    def move(self, vertices: np.ndarray) -> None:
+        """Copy new vertices to the device; the cast that follows does all other work, as always."""
+        self.mesh = Mesh(jnp.asarray(vertices), self.mesh.faces, self.mesh.face_colors)
+
+    def load_view(self, view: View) -> Any:
+        """Light space, box and resolution."""
+        return view.grid
+
+    def cast(self, loaded: Any, with_face: bool) -> Any:
+        """The compiled cast."""
+        program = self.programs.get(_key(loaded, with_face))
+        if program is None:
+            self.compile(loaded, with_face)
+            program = self.programs[_key(loaded, with_face)]
+        return jax.block_until_ready(program(self.mesh, loaded))
+
+    def compile(self, loaded: Any, with_face: bool) -> dict[str, Any]:
+        """Seconds from nothing to machine code, and megabytes of temporaries that XLA plans for."""
+        start = time.perf_counter()
+        program = jax.jit(self.casts[with_face]).lower(self.mesh, loaded).compile()
+        seconds = time.perf_counter() - start
+        self.programs[_key(loaded, with_face)] = program
+        return {"compile_s": seconds, "temporaries_mb": planned_megabytes(program)}
+
+    def read(self, result: Any, view: View) -> tuple[np.ndarray, np.ndarray | None]:
+        """Depth `far` is a miss."""
+        depth, face = result if isinstance(result, tuple) else (result, None)
+        depth = np.asarray(depth, np.float64)
+        missed = depth >= float(view.grid.far) if face is None else np.asarray(face) < 0
+        return np.where(missed, np.inf, depth), None if face is None else np.asarray(face)
+
+
+def planned_megabytes(program: jax.stages.Compiled) -> float | None:
+    """What XLA sets aside for temporaries of a compiled program, beside arguments and result, if it tells."""
+    plan = program.memory_analysis()
+    return None if plan is None else plan.temp_size_in_bytes / 1e6
+
+
+def _key(grid: RayGrid, with_face: bool) -> tuple:
+    """What a program is compiled for, beside the shape of the mesh."""
+    return type(grid.space), grid.num_rows, grid.num_cols, with_face
+
+
+# More ways to run the package join here, for example
+# "shadowjax (2 devices)": lambda: Shadowjax(SomeCaster, "shadowjax (2 devices)", num_devices=2).
+# The first one listed is what all ratios refer to.
+VARIANTS: dict[str, Callable[[], Shadowjax]] = {"shadowjax": Shadowjax}
