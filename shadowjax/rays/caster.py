@@ -1,12 +1,14 @@
 """The protocol of every ray caster: closest hits of any rays or of a grid, and exact visibility of points."""
 
 from abc import abstractmethod
+from collections.abc import Callable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
-from shadowjax._numerics import dot
-from shadowjax._types import Array, Bool, Points
+from shadowjax._numerics import dot, map_in_chunks
+from shadowjax._types import Array, Bool, Int, Points
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.light_space import LightSpace
 from shadowjax.rays.ray import Hit, Rays
@@ -63,3 +65,16 @@ def shadow_rays(
     plane, depth = space.project(points + gap * side)
     origins, directions = space.ray(plane)
     return Rays(origins, directions, jnp.zeros((), points.dtype), depth - gap), facing
+
+
+def search_in_chunks(
+    search: Callable[[Rays], Int[Array, "rays"]], rays: Rays, chunk: int
+) -> Int[Array, "*points"]:
+    """Apply a search to lists of at most `chunk` rays and give its answers the shape of the rays."""
+    flat = rays.flattened()
+    num_rays = flat.t_max.shape[0]
+    # Few distinct sizes mean few compilations: a short list of rays is filled up to a power of two.
+    rows = min(chunk, 1 << max(num_rays - 1, 255).bit_length())
+    spare = max(rows - num_rays, 0)
+    flat = jax.tree.map(lambda x: jnp.concatenate([x, jnp.broadcast_to(x[:1], (spare, *x.shape[1:]))]), flat)
+    return map_in_chunks(search, flat, chunk)[:num_rays].reshape(rays.shape)
