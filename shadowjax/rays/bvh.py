@@ -178,20 +178,16 @@ def _links_by_callback(mesh: Mesh) -> Links:
     """Group triangles on the host while tracing: arrays of the largest size that a tree can have."""
     num_faces = mesh.num_faces
     num_nodes, num_inner = 2 * num_faces - 1, num_faces - 1
-    shapes = Topology(
-        *(
-            jax.ShapeDtypeStruct(shape, jnp.int32)
-            for shape in ((num_faces,), (num_nodes + 1,), (NUM_OCTANTS, num_nodes, 2), (num_inner,), (num_inner,))
-        )
-    )
+    sizes = ((num_faces,), (num_nodes + 1,), (NUM_OCTANTS, num_nodes, 2), (num_inner,), (num_inner,))
+    shapes = tuple(jax.ShapeDtypeStruct(size, jnp.int32) for size in sizes)
 
-    def build(lower: Any, upper: Any) -> Topology:
+    def build(lower: Any, upper: Any) -> tuple[np.ndarray, ...]:
         tree = build_topology(np.asarray(lower), np.asarray(upper))
         spare_nodes, spare_inner = num_nodes + 1 - len(tree.first), num_inner - len(tree.inner)
         # Nodes beyond the tree are never reached; joining a node again, the root or one of those, changes nothing.
         again = (tree.inner[-1], tree.second[-1]) if len(tree.inner) else (num_nodes - 1, num_nodes - 1)
         links = np.where(tree.links == tree.links.shape[1], num_nodes, tree.links)
-        return Topology(
+        return (
             tree.order,
             np.pad(tree.first, (0, spare_nodes), constant_values=num_faces),
             np.pad(links, ((0, 0), (0, spare_nodes), (0, 0)), constant_values=num_nodes).astype(np.int32),

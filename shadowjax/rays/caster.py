@@ -67,9 +67,7 @@ def shadow_rays(
     return Rays(origins, directions, jnp.zeros((), points.dtype), depth - gap), facing
 
 
-def search_in_chunks(
-    search: Callable[[Rays], Int[Array, "rays"]], rays: Rays, chunk: int
-) -> Int[Array, "*points"]:
+def search_in_chunks(search: Callable[[Rays], Int[Array, "rays"]], rays: Rays, chunk: int) -> Int[Array, "*points"]:
     """Apply a search to lists of at most `chunk` rays and give its answers the shape of the rays."""
     flat = rays.flattened()
     num_rays = flat.t_max.shape[0]
