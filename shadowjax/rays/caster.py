@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from shadowjax._numerics import dot, map_in_chunks
-from shadowjax._types import Array, Bool, Int, Points
+from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.light_space import LightSpace
 from shadowjax.rays.ray import Hit, Rays
@@ -32,6 +32,10 @@ class Caster(eqx.Module):
     def closest_on_grid(self, mesh: Mesh, grid: RayGrid) -> Hit:
         """First hit of every ray of a grid, shape (rows, cols); casters for coherent rays override this."""
         return self.closest(mesh, grid.rays())
+
+    def depth_on_grid(self, mesh: Mesh, grid: RayGrid) -> Float[Array, "rows cols"]:
+        """Depth alone of every ray of a grid; casters that can find it faster override this."""
+        return self.closest_on_grid(mesh, grid).depth
 
     def visible(
         self, mesh: Mesh, space: LightSpace, points: Points, normals: Points | None = None
