@@ -10,7 +10,7 @@ import numpy as np
 from jax import lax
 from jax.custom_batching import sequential_vmap
 
-from shadowjax._checks import concrete, require
+from shadowjax._checks import concrete, require, require_memory
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays._tree_build import NUM_OCTANTS, Topology, build_topology
@@ -18,6 +18,9 @@ from shadowjax.rays._tree_search import Fitted, Links, fit, search
 from shadowjax.rays.caster import Caster, search_in_chunks, shadow_rays
 from shadowjax.rays.light_space import LightSpace
 from shadowjax.rays.ray import Hit, Rays, intersect
+
+# Peak memory of `build` for each triangle in 32 bits.
+BYTES_TO_BUILD = 400
 
 
 class Tree(eqx.Module):
@@ -65,10 +68,13 @@ class BoundingVolumeHierarchy(Caster):
             ray_chunk: Rays worked on together.
 
         Raises:
-            ValueError: If the mesh is being traced: a tree is built on the host.
+            ValueError: If the mesh is being traced, for a tree is built on the host; or if it cannot fit the memory.
         """
         known = concrete(mesh.vertices) is not None and concrete(mesh.faces) is not None
         require(known, "a tree is built outside jit, grad and vmap; build it before, and call refit(mesh) inside")
+        # Measured on a terrain of ten million triangles, see docs/theory/casting.md.
+        size = BYTES_TO_BUILD * mesh.vertices.dtype.itemsize // 4 * mesh.num_faces
+        require_memory(size, f"a tree over {mesh.num_faces} triangles", "fewer triangles, or a Grid caster")
         triangles = np.asarray(mesh.vertices)[np.asarray(mesh.faces)]
         topology = build_topology(triangles.min(axis=1), triangles.max(axis=1))
         return cls(_fit_tree(_as_links(topology), mesh), ray_chunk)

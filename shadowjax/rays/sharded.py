@@ -39,7 +39,7 @@ def stack_grids(grids: Sequence[RayGrid]) -> RayGrid:
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *grids)
 
 
-def closest_on_grids(caster: Caster, mesh: Mesh, grids: RayGrid, devices: Sequence[jax.Device] | None = None) -> Hit:
+def closest_on_grids(caster: Caster, mesh: Mesh, grids: RayGrid, devices: Sequence[Any] | None = None) -> Hit:
     """First hits of a batch of views, dealt to devices; on each device one view after the other.
 
     The same as casting them one by one. Under `jax.distributed` every process calls this with the same arguments, and
@@ -49,7 +49,7 @@ def closest_on_grids(caster: Caster, mesh: Mesh, grids: RayGrid, devices: Sequen
         caster: Casts one grid; the mesh and the caster's arrays are copied to every device.
         mesh: The triangles of all views.
         grids: A batch from `stack_grids`. Where the devices do not divide it, spare places repeat its first view.
-        devices: All devices of all processes if None.
+        devices: Devices (`jax.Device`) to use; all of all processes if None.
 
     Returns:
         Hits of shape (views, rows, cols), differentiable, laid out over the devices by view.
@@ -59,13 +59,10 @@ def closest_on_grids(caster: Caster, mesh: Mesh, grids: RayGrid, devices: Sequen
     spare = -num_views % device_mesh.size
     padded = jax.tree.map(lambda x: jnp.concatenate([x, jnp.repeat(x[:1], spare, axis=0)]), grids) if spare else grids
     padded = _place(padded, device_mesh, Spec(AXIS))
-    hits = _cast_views(_place(caster, device_mesh), _place(mesh, device_mesh), padded, device_mesh)
-    return jax.tree.map(lambda x: x[:num_views], hits) if spare else hits
+    return _cast_views(_place(caster, device_mesh), _place(mesh, device_mesh), padded, device_mesh, num_views)
 
 
-def closest_over_triangles(
-    caster: Caster, mesh: Mesh, grid: RayGrid, devices: Sequence[jax.Device] | None = None
-) -> Hit:
+def closest_over_triangles(caster: Caster, mesh: Mesh, grid: RayGrid, devices: Sequence[Any] | None = None) -> Hit:
     """First hits of one grid, its triangles dealt round robin to devices; the nearest hit of all wins.
 
     Each device casts its share, then depths are compared: of equal depths the lowest triangle index wins, as in every
@@ -85,7 +82,7 @@ def closest_over_triangles(
     return _cast_shares(*arguments, device_mesh)
 
 
-def _device_mesh(devices: Sequence[jax.Device] | None) -> DeviceMesh:
+def _device_mesh(devices: Sequence[Any] | None) -> DeviceMesh:
     chosen = jax.devices() if devices is None else list(devices)
     require(len(chosen) > 0, "casting needs at least one device; got none")
     return DeviceMesh(np.array(chosen), (AXIS,))
@@ -105,7 +102,7 @@ def _place(tree: _Tree, device_mesh: DeviceMesh, spec: Spec | None = None) -> _T
 
 
 @eqx.filter_jit
-def _cast_views(caster: Caster, mesh: Mesh, grids: RayGrid, device_mesh: DeviceMesh) -> Hit:
+def _cast_views(caster: Caster, mesh: Mesh, grids: RayGrid, device_mesh: DeviceMesh, num_views: int) -> Hit:
     arrays, rest = eqx.partition(lax.stop_gradient(caster), eqx.is_array)
 
     def faces(arrays: Any, mesh: Mesh, grids: RayGrid) -> Int[jax.Array, "views rows cols"]:
@@ -116,7 +113,8 @@ def _cast_views(caster: Caster, mesh: Mesh, grids: RayGrid, device_mesh: DeviceM
         faces, mesh=device_mesh, in_specs=(Spec(), Spec(), Spec(AXIS)), out_specs=Spec(AXIS), check_vma=False
     )(arrays, lax.stop_gradient(mesh), lax.stop_gradient(grids))
     # Casters choose; one function differentiates.
-    return jax.vmap(lambda grid, face: intersect(mesh, grid.rays(), face))(grids, chosen)
+    hits = jax.vmap(lambda grid, face: intersect(mesh, grid.rays(), face))(grids, chosen)
+    return jax.tree.map(lambda x: x[:num_views], hits)
 
 
 @eqx.filter_jit
