@@ -48,7 +48,7 @@ def test_a_band_has_exactly_the_rays_of_the_whole(dtype):
         band = row_band(grid, first, num)
         whole = grid.rays().directions[first : first + num]
         np.testing.assert_array_equal(band.rays().directions, whole)
-        points = band.space.point(band.plane_map.inverse(band.centres()), jnp.asarray(2.0, dtype))
+        points = band.space.point(band.plane_map.inverse(band.centres()), jnp.full((num, COLS), 2, dtype))
         position, _ = band.locate(points)
         np.testing.assert_allclose(position, band.centres() * band.resolution, atol=1e-4)
 
