@@ -90,5 +90,8 @@ def test_the_tree_caster_is_brute_force(seed, size, sliver, lattice, far_off, do
         chosen = np.array([int(hit.face[index]) for hit in (found, expected) if int(hit.face[index]) >= 0])
         ray = [np.asarray(a[index], float) for a in (rays.origins, rays.directions)]
         depth, slack = plane_depth(corners[chosen].astype(float), *ray)
-        tie = len(chosen) == 2 and np.isfinite(depth).all() and np.ptp(depth) <= 16 * unit * slack.max()
-        assert tie or edge_distance(corners[chosen].astype(float), *ray).min() <= 16 * unit
+        rounding = 16 * unit * slack
+        tie = len(chosen) == 2 and np.isfinite(depth).all() and np.ptp(depth) <= rounding.max()
+        # A ray that starts on a triangle, as on a lattice many do, meets it at 0 or just before.
+        at_limit = np.any(np.minimum(np.abs(depth), np.abs(depth - 50)) <= rounding)
+        assert tie or at_limit or edge_distance(corners[chosen].astype(float), *ray).min() <= 16 * unit
