@@ -19,7 +19,7 @@ from shadowjax.rays.caster import Caster, search_in_chunks, shadow_rays
 from shadowjax.rays.light_space import LightSpace
 from shadowjax.rays.ray import Hit, Rays, intersect
 
-# Peak memory of `build` for each triangle in 32 bits.
+# Estimate of the peak memory of `build` for each triangle in 32 bits: its arrays added up, rounded upwards.
 BYTES_TO_BUILD = 400
 
 
@@ -72,7 +72,6 @@ class BoundingVolumeHierarchy(Caster):
         """
         known = concrete(mesh.vertices) is not None and concrete(mesh.faces) is not None
         require(known, "a tree is built outside jit, grad and vmap; build it before, and call refit(mesh) inside")
-        # Measured on a terrain of ten million triangles, see docs/theory/casting.md.
         size = BYTES_TO_BUILD * mesh.vertices.dtype.itemsize // 4 * mesh.num_faces
         require_memory(size, f"a tree over {mesh.num_faces} triangles", "fewer triangles, or a Grid caster")
         triangles = np.asarray(mesh.vertices)[np.asarray(mesh.faces)]
