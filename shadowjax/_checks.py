@@ -1,5 +1,6 @@
 """Checks of what users give: ValueError for structure, eqx.error_if for values. Constructors and entry points only."""
 
+import os
 from collections.abc import Iterable
 from typing import Any
 
@@ -59,3 +60,26 @@ def require_finite(array: Array, name: str) -> Array:
             raise ValueError(f"{name} must be finite; {bad} of {known.size} numbers are NaN or infinite")
         return array
     return eqx.error_if(array, jnp.logical_not(jnp.all(jnp.isfinite(array))), f"{name} must be finite")
+
+
+def available_memory() -> int | None:
+    """Bytes of the host's memory that programs can still take, or None where the system does not say."""
+    try:
+        with open("/proc/meminfo") as lines:
+            sizes = {name: int(rest.split()[0]) for name, rest in (line.split(":", 1) for line in lines)}
+        return 1024 * sizes["MemAvailable"]
+    except (OSError, KeyError, ValueError):
+        pass
+    try:
+        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):
+        return None
+
+
+def require_memory(num_bytes: int, what: str, remedy: str) -> None:
+    """Raise ValueError before something is allocated that cannot fit: clearer than being ended by the system."""
+    left = available_memory()
+    require(
+        left is None or num_bytes <= left,
+        f"{what} needs about {num_bytes / 2**30:.1f} GiB, and {(left or 0) / 2**30:.1f} GiB are left; use {remedy}",
+    )

@@ -1,13 +1,14 @@
 """The reference caster: every ray against every triangle, in chunks that bound memory."""
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from shadowjax._numerics import map_in_chunks
 from shadowjax._types import Array, Float, Int
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays.caster import Caster
+from shadowjax.rays.caster import Caster, search_in_chunks
 from shadowjax.rays.ray import MISS, Hit, Rays, edge_test, intersect, orthonormal_frame
 
 # Triangles tested per loop iteration: enough to hide the loop, few enough to compile quickly.
@@ -27,26 +28,15 @@ class BruteForce(Caster):
 
     def closest(self, mesh: Mesh, rays: Rays) -> Hit:
         """First hit of each ray; ties go to the lowest triangle index."""
-        fixed = jax.lax.stop_gradient(rays.flattened())
+        fixed = jax.lax.stop_gradient(rays)
         triangles = jax.lax.stop_gradient(mesh.triangles())
-        num_faces = triangles.shape[0]
-        padding = -num_faces % UNROLL
+        padding = -triangles.shape[0] % UNROLL
         # Padding triangles have three equal corners, which the edge rule always misses.
         triangles = jnp.concatenate([triangles, jnp.zeros((padding, 3, 3), triangles.dtype)])
-        num_rays = fixed.origins.shape[0]
-        # Few distinct sizes mean few compilations: a short list of rays is filled up to a power of two.
-        rows = min(self.ray_chunk, 1 << max(num_rays - 1, 255).bit_length())
-        spare = max(rows - num_rays, 0)
-        fixed = jax.tree.map(lambda x: jnp.concatenate([x, jnp.broadcast_to(x[:1], (spare, *x.shape[1:]))]), fixed)
-        face = _search_in_chunks(triangles, fixed, self.ray_chunk)[:num_rays]
-        return intersect(mesh, rays, face.reshape(rays.shape))
+        return intersect(mesh, rays, search_in_chunks(partial(_search, triangles), fixed, self.ray_chunk))
 
 
 @eqx.filter_jit
-def _search_in_chunks(triangles: Float[Array, "faces 3 3"], rays: Rays, ray_chunk: int) -> Int[Array, "rays"]:
-    return map_in_chunks(lambda chunk: _search(triangles, chunk), rays, ray_chunk)
-
-
 def _search(triangles: Float[Array, "faces 3 3"], rays: Rays) -> Int[Array, "rays"]:
     """Index of the nearest triangle of every ray of one chunk."""
     # Rays as rows of coordinates, triangles as scalars: each loop step is one fused pass over contiguous rays.

@@ -1,12 +1,14 @@
 """The protocol of every ray caster: closest hits of any rays or of a grid, and exact visibility of points."""
 
 from abc import abstractmethod
+from collections.abc import Callable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
-from shadowjax._numerics import dot
-from shadowjax._types import Array, Bool, Float, Points
+from shadowjax._numerics import dot, map_in_chunks
+from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.light_space import LightSpace
 from shadowjax.rays.ray import Hit, Rays
@@ -30,6 +32,10 @@ class Caster(eqx.Module):
     def closest_on_grid(self, mesh: Mesh, grid: RayGrid) -> Hit:
         """First hit of every ray of a grid, shape (rows, cols); casters for coherent rays override this."""
         return self.closest(mesh, grid.rays())
+
+    def depth_on_grid(self, mesh: Mesh, grid: RayGrid) -> Float[Array, "rows cols"]:
+        """Depth alone of every ray of a grid; casters that can find it faster override this."""
+        return self.closest_on_grid(mesh, grid).depth
 
     def visible(
         self, mesh: Mesh, space: LightSpace, points: Points, normals: Points | None = None
@@ -71,3 +77,14 @@ def shadow_rays(
     plane, limit, facing = shadow_limits(mesh, space, points, normals)
     origins, directions = space.ray(plane)
     return Rays(origins, directions, jnp.zeros((), points.dtype), limit), facing
+
+
+def search_in_chunks(search: Callable[[Rays], Int[Array, "rays"]], rays: Rays, chunk: int) -> Int[Array, "*points"]:
+    """Apply a search to lists of at most `chunk` rays and give its answers the shape of the rays."""
+    flat = rays.flattened()
+    num_rays = flat.t_max.shape[0]
+    # Few distinct sizes mean few compilations: a short list of rays is filled up to a power of two.
+    rows = min(chunk, 1 << max(num_rays - 1, 255).bit_length())
+    spare = max(rows - num_rays, 0)
+    flat = jax.tree.map(lambda x: jnp.concatenate([x, jnp.broadcast_to(x[:1], (spare, *x.shape[1:]))]), flat)
+    return map_in_chunks(search, flat, chunk)[:num_rays].reshape(rays.shape)

@@ -4,12 +4,14 @@ from collections.abc import Callable
 
 from shadowjax._checks import require_choice
 from shadowjax.rays.brute import BruteForce
+from shadowjax.rays.bvh import BoundingVolumeHierarchy
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.grid import Grid
 
 CASTERS: dict[str, Callable[[], Caster]] = {
     "brute": BruteForce,
     "grid": Grid,
+    "bvh": BoundingVolumeHierarchy,
 }
 DEFAULT_CASTER = "grid"
 

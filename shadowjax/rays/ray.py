@@ -133,7 +133,7 @@ def edge_test(x: tuple[Array, Array, Array], y: tuple[Array, Array, Array], z: t
         z: Distance of the three corners along the ray.
 
     Returns:
-        Whether the ray passes through, and its distance (meaningful only inside).
+        Whether the ray passes through, and its distance, between those of the corners (meaningful only inside).
     """
     weights, left, right = [], [], []
     for i, j in ((1, 2), (2, 0), (0, 1)):
@@ -145,7 +145,9 @@ def edge_test(x: tuple[Array, Array, Array], y: tuple[Array, Array, Array], z: t
     determinant = weights[0] + weights[1] + weights[2]
     scaled = weights[0] * z[0] + weights[1] * z[1] + weights[2] * z[2]
     depth = scaled / jnp.where(determinant == 0, jnp.ones_like(determinant), determinant)
-    return EdgeTest(all_left ^ all_right, depth)
+    # Rounded weights of a triangle seen almost edge-on may lie outside it; its depth may not.
+    low, high = jnp.minimum(jnp.minimum(z[0], z[1]), z[2]), jnp.maximum(jnp.maximum(z[0], z[1]), z[2])
+    return EdgeTest(all_left ^ all_right, jnp.clip(depth, low, high))
 
 
 @eqx.filter_jit

@@ -1,0 +1,140 @@
+"""Casting over many devices and processes: views dealt to devices, or triangles dealt to devices and hits merged."""
+
+from collections.abc import Sequence
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.sharding import Mesh as DeviceMesh
+from jax.sharding import NamedSharding
+from jax.sharding import PartitionSpec as Spec
+
+from shadowjax._checks import concrete, require
+from shadowjax._types import Int
+from shadowjax.geometry.mesh import Mesh
+from shadowjax.rays.caster import Caster
+from shadowjax.rays.ray import MISS, Hit, intersect
+from shadowjax.rays.ray_grid import RayGrid
+
+_Tree = TypeVar("_Tree")
+AXIS = "devices"
+NONE = jnp.iinfo(jnp.int32).max
+
+
+def stack_grids(grids: Sequence[RayGrid]) -> RayGrid:
+    """One object holding the arrays of several grids along a new first axis: a batch of views.
+
+    Args:
+        grids: Grids that differ in numbers only: of one kind of space and plane map, and of one resolution.
+
+    Raises:
+        ValueError: If there is none, or their kinds or resolutions differ.
+    """
+    require(len(grids) > 0, "stack_grids needs at least one grid; got none")
+    kinds = {str(jax.tree.structure(grid)) for grid in grids}
+    require(len(kinds) == 1, f"grids of one batch must have one kind of space, map and resolution; got {len(kinds)}")
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *grids)
+
+
+def closest_on_grids(caster: Caster, mesh: Mesh, grids: RayGrid, devices: Sequence[Any] | None = None) -> Hit:
+    """First hits of a batch of views, dealt to devices; on each device one view after the other.
+
+    The same as casting them one by one. Under `jax.distributed` every process calls this with the same arguments, and
+    holds the views of its own devices: `jax.experimental.multihost_utils.process_allgather` collects them.
+
+    Args:
+        caster: Casts one grid; the mesh and the caster's arrays are copied to every device.
+        mesh: The triangles of all views.
+        grids: A batch from `stack_grids`. Where the devices do not divide it, spare places repeat its first view.
+        devices: Devices (`jax.Device`) to use; all of all processes if None.
+
+    Returns:
+        Hits of shape (views, rows, cols), differentiable, laid out over the devices by view.
+    """
+    device_mesh = _device_mesh(devices)
+    num_views = grids.far.shape[0]
+    spare = -num_views % device_mesh.size
+    padded = jax.tree.map(lambda x: jnp.concatenate([x, jnp.repeat(x[:1], spare, axis=0)]), grids) if spare else grids
+    padded = _place(padded, device_mesh, Spec(AXIS))
+    return _cast_views(_place(caster, device_mesh), _place(mesh, device_mesh), padded, device_mesh, num_views)
+
+
+def closest_over_triangles(caster: Caster, mesh: Mesh, grid: RayGrid, devices: Sequence[Any] | None = None) -> Hit:
+    """First hits of one grid, its triangles dealt round robin to devices; the nearest hit of all wins.
+
+    Each device casts its share, then depths are compared: of equal depths the lowest triangle index wins, as in every
+    caster. The same as casting the whole mesh, but that depths equal to a rounding may be ordered differently.
+
+    Args:
+        caster: Casts one grid; it must not be bound to the tree of the whole mesh.
+        mesh: All triangles.
+        grid: The rays, copied to every device.
+        devices: All devices of all processes if None.
+
+    Returns:
+        Hits of shape (rows, cols), differentiable, the same on every device.
+    """
+    device_mesh = _device_mesh(devices)
+    arguments = _place((caster, mesh, grid), device_mesh)
+    return _cast_shares(*arguments, device_mesh)
+
+
+def _device_mesh(devices: Sequence[Any] | None) -> DeviceMesh:
+    chosen = jax.devices() if devices is None else list(devices)
+    require(len(chosen) > 0, "casting needs at least one device; got none")
+    return DeviceMesh(np.array(chosen), (AXIS,))
+
+
+def _place(tree: _Tree, device_mesh: DeviceMesh, spec: Spec | None = None) -> _Tree:
+    """Lay arrays out over the devices, of other processes too; arrays that are being traced stay."""
+    sharding = NamedSharding(device_mesh, Spec() if spec is None else spec)
+
+    def place(leaf: Any) -> Any:
+        if not eqx.is_array(leaf) or concrete(leaf) is None:
+            return leaf
+        host = np.asarray(leaf)
+        return jax.make_array_from_callback(host.shape, sharding, lambda index: host[index])
+
+    return jax.tree.map(place, tree)
+
+
+@eqx.filter_jit
+def _cast_views(caster: Caster, mesh: Mesh, grids: RayGrid, device_mesh: DeviceMesh, num_views: int) -> Hit:
+    arrays, rest = eqx.partition(lax.stop_gradient(caster), eqx.is_array)
+
+    def faces(arrays: Any, mesh: Mesh, grids: RayGrid) -> Int[jax.Array, "views rows cols"]:
+        local = eqx.combine(arrays, rest)
+        return lax.map(lambda grid: local.closest_on_grid(mesh, grid).face, grids)
+
+    chosen = jax.shard_map(
+        faces, mesh=device_mesh, in_specs=(Spec(), Spec(), Spec(AXIS)), out_specs=Spec(AXIS), check_vma=False
+    )(arrays, lax.stop_gradient(mesh), lax.stop_gradient(grids))
+    # Casters choose; one function differentiates.
+    hits = jax.vmap(lambda grid, face: intersect(mesh, grid.rays(), face))(grids, chosen)
+    return jax.tree.map(lambda x: x[:num_views], hits)
+
+
+@eqx.filter_jit
+def _cast_shares(caster: Caster, mesh: Mesh, grid: RayGrid, device_mesh: DeviceMesh) -> Hit:
+    arrays, rest = eqx.partition(lax.stop_gradient(caster), eqx.is_array)
+    num = device_mesh.size
+    spare = -mesh.num_faces % num
+    # A triangle with its corners in one place is always missed.
+    dealt = jnp.concatenate([mesh.faces, jnp.zeros((spare, 3), mesh.faces.dtype)]).reshape(-1, num, 3)
+
+    def faces(arrays: Any, vertices: Any, dealt: Any, grid: RayGrid) -> Int[jax.Array, "rows cols"]:
+        share = Mesh(vertices, dealt[:, 0], jnp.zeros(dealt[:, 0].shape, vertices.dtype))
+        hit = eqx.combine(arrays, rest).closest_on_grid(share, grid)
+        depth = jnp.where(hit.is_hit, hit.depth, jnp.inf)
+        index = hit.face * num + lax.axis_index(AXIS).astype(jnp.int32)
+        winner = hit.is_hit & (depth == lax.pmin(depth, AXIS))
+        face = lax.pmin(jnp.where(winner, index, NONE), AXIS)
+        return jnp.where(face == NONE, MISS, face)
+
+    chosen = jax.shard_map(
+        faces, mesh=device_mesh, in_specs=(Spec(), Spec(), Spec(None, AXIS), Spec()), out_specs=Spec(), check_vma=False
+    )(arrays, lax.stop_gradient(mesh.vertices), dealt, lax.stop_gradient(grid))
+    return intersect(mesh, grid.rays(), chosen)
