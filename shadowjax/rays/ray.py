@@ -169,12 +169,13 @@ def intersect(mesh: Mesh, rays: Rays, face: Int[Array, "*points"]) -> Hit:
     # Numbers apart, not as vectors of three: gathers, their transposes and what follows are several times faster.
     corners = _corners(mesh, jnp.where(missed, 0, face))
     origin, direction = (_components(part) for part in (rays.origins, rays.directions))
+    offsets = [[part - start for part, start in zip(corner, origin, strict=True)] for corner in corners]
     # Step along the ray to beside the triangle first: edge functions of far triangles cancel badly in float32. The
     # step shifts both sides of the equation, so it carries no gradient.
-    step = _inner([c - o for c, o in zip(corners[0], origin, strict=True)], direction)
+    step = _inner(offsets[0], direction)
     step = jnp.where(missed, jnp.zeros_like(step), jax.lax.stop_gradient(step))
-    beside = [o + step * d for o, d in zip(origin, direction, strict=True)]
-    a, b, c = ([part - at for part, at in zip(corner, beside, strict=True)] for corner in corners)
+    # The offsets first: far from the world's origin they keep digits that a position along the ray would lose.
+    a, b, c = ([part - step * d for part, d in zip(offset, direction, strict=True)] for offset in offsets)
     # Beside every triangle the products are of its own size; a degenerate one, or a miss, divides by 1.
     weights = [_inner(direction, _cross(p, q)) for p, q in ((b, c), (c, a), (a, b))]
     total = weights[0] + weights[1] + weights[2]
