@@ -136,12 +136,12 @@ class MappedShadows(Shadows):
 
     def visibility(self, points: Points, normals: Points) -> Float[Array, "*points"]:
         """Read the map of each point's region, or the maps that share it."""
-        result = self.read(0, points, normals)
-        if len(self.maps) > 1:
-            shares = self.partition.shares(self.grids, self.camera, points)
-            result = shares[0] * result
-            for index in range(1, len(self.maps)):
-                result = result + shares[index] * self.read(index, points, normals)
+        if len(self.maps) == 1:
+            result = self.read(0, points, normals)
+        else:
+            result = jnp.zeros(points.shape[:-1], points.dtype)
+            for index, share in enumerate(self.partition.shares(self.grids, self.camera, points)):
+                result = result + share * self.read(index, points, normals)
         facing = dot(normals, self.maps[0].grid.space.to_source(points)) > 0
         return jnp.where(facing, result, jnp.zeros_like(result))
 

@@ -48,7 +48,7 @@ def seam_jump(shadows: MappedShadows, first: int, second: int, points: Points, n
     Source: warping, text after eq. 52 and figure 27.
     """
     widths = [texel_widths(shadows.maps[region].grid, points) for region in (first, second)]
-    factor = safe_divide(*widths)
+    factor = safe_divide(widths[0], widths[1])
     factor = jnp.maximum(factor, safe_divide(jnp.ones_like(factor), factor))
     answers = [shadows.read(region, points, normals) for region in (first, second)]
     return SeamJump(factor[..., 0], factor[..., 1], jnp.abs(answers[0] - answers[1]))
@@ -89,7 +89,10 @@ class SeamSteps(NamedTuple):
 
 @eqx.filter_jit
 def seam_steps(
-    values: Float[Array, "rows cols"], region: Int[Array, "rows cols"], valid: Bool[Array, "rows cols"]
+    values: Float[Array, "rows cols"],
+    region: Int[Array, "rows cols"],
+    valid: Bool[Array, "rows cols"],
+    face: Int[Array, "rows cols"] | None = None,
 ) -> SeamSteps:
     """How a picture steps across the seams of a partition, beside how it steps elsewhere.
 
@@ -97,6 +100,8 @@ def seam_steps(
         values: Any quantity of the pixels: `texel_picture`, or the difference of visibility from the exact one.
         region: Region that answers for each pixel, from `Partition.select`.
         valid: Pixels that count.
+        face: Triangle that each pixel sees; then only neighbours on one triangle count, so that a silhouette in front
+            of a distant surface is no seam.
 
     Raises:
         ValueError: If the shapes differ.
@@ -105,14 +110,15 @@ def seam_steps(
         values.shape == region.shape == valid.shape,
         f"values, region and valid must have one shape; got {values.shape}, {region.shape}, {valid.shape}",
     )
+    face = jnp.zeros_like(region) if face is None else face
 
     def pairs(image: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         return (image[1:], image[:-1]), (image[:, 1:], image[:, :-1])
 
     total, count, other, others, largest = (jnp.zeros((), values.dtype) for _ in range(5))
-    for value, place, both in zip(pairs(values), pairs(region), pairs(valid), strict=True):
+    for value, place, both, on in zip(pairs(values), pairs(region), pairs(valid), pairs(face), strict=True):
         step = jnp.abs(value[0] - value[1])
-        counts = both[0] & both[1]
+        counts = both[0] & both[1] & (on[0] == on[1])
         seam = (counts & (place[0] != place[1])).astype(step.dtype)
         inner = (counts & (place[0] == place[1])).astype(step.dtype)
         total, count = total + jnp.sum(step * seam), count + jnp.sum(seam)

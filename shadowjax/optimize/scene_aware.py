@@ -14,7 +14,15 @@ import optimistix as optx
 from shadowjax._checks import require, require_choice, require_int
 from shadowjax._numerics import safe_divide
 from shadowjax._types import Array, Float, Scalar
-from shadowjax.optimize.seen_pixels import Chart, SeenPixels, chart_between, mean_error, moments, seen_pixels, total_error
+from shadowjax.optimize.seen_pixels import (
+    Chart,
+    SeenPixels,
+    chart_between,
+    mean_error,
+    moments,
+    seen_pixels,
+    total_error,
+)
 from shadowjax.warps.light_frustum import LightFrustum
 from shadowjax.warps.lispsm import generalised
 from shadowjax.warps.strength import least_worst_strength

@@ -4,8 +4,9 @@ A texel of a perspective warp covers m = m_x·m_z pixels of the image where, wit
 
     m = w(κ)·W/(1 + Wκ)/(4·tg φ_x·tg φ_y) · (1 + uκ)³/z²,
 
-and w is the width of the warp's trapezium around the eight corners, whatever the camera's roll. Its sum over any set of pixels is a cubic in κ whose coefficients are four moments Σ w·u^j/z². Running sums of the moments
-over depth give the error of every slice between two planes at once, so the best planes come from an exhaustive search.
+and w is the width of the warp's trapezium around the frustum's eight corners, whatever the camera's roll. Its sum over
+any set of pixels is a cubic in κ whose coefficients are four moments Σ weight·u^j/z²; running sums of them over depth
+give the error of every slice between two planes at once.
 """
 
 from typing import NamedTuple

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from shadowjax._checks import require, require_value
+from shadowjax._checks import require, require_choice, require_value
 from shadowjax._types import Array, ArrayLike, Float, as_float_array
 from shadowjax.warps.light_frustum import SECTIONS, LightFrustum, Section
 from shadowjax.warps.lispsm import generalised
@@ -83,7 +83,7 @@ def sweep(
     Raises:
         ValueError: If a list is empty or a number is out of range.
     """
-    require(section in SECTIONS, f"section must be one of {', '.join(map(repr, SECTIONS))}; got {section!r}")
+    checked: Section = require_choice(section, "section", SECTIONS)
     lists = [jnp.atleast_1d(as_float_array(x)) for x in (gammas, ratios, phis, num_partitions)]
     dtype = jnp.result_type(*lists)
     lists = [x.astype(dtype) for x in lists]
@@ -99,7 +99,7 @@ def sweep(
     padding = -count % len(devices)
     padded = jnp.concatenate([points, jnp.broadcast_to(points[:1], (padding, 4))])
     layout = NamedSharding(Mesh(devices, ("views",)), PartitionSpec("views"))
-    found = _all(jax.device_put(padded, layout), section)
+    found = _all(jax.device_put(padded, layout), checked)
     return jax.tree.map(lambda x: x[:count].reshape(shape), found)
 
 

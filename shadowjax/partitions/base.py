@@ -30,13 +30,10 @@ class Partition(eqx.Module):
     def select(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> Int[Array, "*points"]:
         """Which region answers for each point."""
 
-    def shares(
-        self, grids: tuple[RayGrid, ...], camera: Camera, points: Points
-    ) -> tuple[Float[Array, "*points"], ...]:
+    def shares(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> tuple[Float[Array, "*points"], ...]:
         """How much each region's answer counts at each point: shares that sum to 1.
 
         One region alone unless the partition blends across its seams.
         """
         region = self.select(grids, camera, points)
         return tuple((region == index).astype(points.dtype) for index in range(len(grids)))
-

@@ -52,9 +52,7 @@ class Faces(Partition):
             ValueError: If the light is not directional.
         """
         kind = type(light).__name__
-        require(
-            isinstance(light, DirectionalLight), f"faces need a directional light; got {kind}: use ZSplit or Whole"
-        )
+        require(isinstance(light, DirectionalLight), f"faces need a directional light; got {kind}: use ZSplit or Whole")
         lower, upper = mesh.bounds()
         space = light_space(light, camera.forward, lower, upper)
         near, far = visible_range(camera, mesh) if self.tight else (camera.near, camera.far)
@@ -73,7 +71,9 @@ class Faces(Partition):
         for i in range(4):
             first, last = ends[i], ends[(i + 1) % 4]
             turn = jnp.sign(_cross(first, last))
-            depth = jnp.minimum(_cross(first / _length(first), offset) * turn, _cross(offset, last / _length(last)) * turn)
+            depth = jnp.minimum(
+                _cross(first / _length(first), offset) * turn, _cross(offset, last / _length(last)) * turn
+            )
             inside.append(jnp.where(applies[i], depth, -jnp.inf))
         return jnp.argmax(jnp.stack(inside), axis=0).astype(jnp.int32)
 

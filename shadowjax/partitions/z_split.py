@@ -153,9 +153,7 @@ class ZSplit(Partition):
             region = jnp.where(inside, jnp.asarray(i, jnp.int32), region)
         return region
 
-    def shares(
-        self, grids: tuple[RayGrid, ...], camera: Camera, points: Points
-    ) -> tuple[Float[Array, "*points"], ...]:
+    def shares(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> tuple[Float[Array, "*points"], ...]:
         """One region alone, or two in the band before a cut, the farther one's share rising linearly with ln z."""
         if self.blend == 0:
             return super().shares(grids, camera, points)
