@@ -1,0 +1,128 @@
+"""Faces: the right sides for every γ, each point inside its own map, n' that nothing beats, shadows that converge."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from shapes import above, lights, plate_over_plane
+
+from shadowjax import Camera, DirectionalLight, Exact, ShadowMapping
+from shadowjax.analysis.shimmer import in_view
+from shadowjax.partitions.faces import Faces, face_near_distance, faces_that_apply
+from shadowjax.partitions.registry import PARTITIONS, make_partition
+
+MESH = plate_over_plane()
+UPRIGHT = Camera.look_at((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), phi_y=np.pi / 6, near=1.0, far=60.0, aspect=1.3)
+GAMMAS = np.deg2rad([0, 1e-4, 10, 29.9, 30.1, 45, 75, 89, 89.9, 89.999, 90])
+
+
+def light_at(gamma, roll=0.0, side=1.0):
+    """Travels along the view (against it for side −1) turned by γ, downwards or, with roll, sideways."""
+    turned = np.cos(roll) * np.asarray([0, -1.0, 0]) + np.sin(roll) * np.asarray([1.0, 0, 0])
+    return DirectionalLight.create(side * np.cos(gamma) * np.asarray([0, 0, -1.0]) + np.sin(gamma) * turned)
+
+
+def points_in_the_view(camera, count=4000):
+    rng = np.random.default_rng(0)
+    depth = float(camera.near) * float(camera.far / camera.near) ** rng.uniform(0, 1, (count, 1))
+    depth[:200], depth[200:400] = camera.near, camera.far
+    spread = rng.uniform(-1, 1, (count, 2))
+    spread[::7] = np.sign(spread[::7])  # the frustum's four edges too
+    plane = np.concatenate([spread * np.asarray(camera.half_size), np.ones((count, 1))], axis=1)
+    return camera.position + jnp.asarray(depth * plane) @ camera.rotation
+
+
+@eqx.filter_jit
+def places(camera, light, points):
+    """Region of every point, its (s, t) there, and which faces apply."""
+    faces = Faces(tight=False)
+    grids = faces.grids(MESH, light, camera, 8)
+    region = faces.select(grids, camera, points)
+    square = jnp.stack([grid.locate(points)[0] / 8 for grid in grids])
+    return region, jnp.take_along_axis(square, region[None, :, None], axis=0)[0], faces_that_apply(camera, light)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("roll", [0.0, 0.6])
+def test_every_visible_point_lies_in_the_map_of_its_face(roll, side):
+    points = points_in_the_view(UPRIGHT)
+    for gamma in GAMMAS:
+        region, square, applies = places(UPRIGHT, light_at(gamma, roll, side), points)
+        assert applies[region].all()
+        assert square.min() >= 0, gamma
+        assert square.max() <= 1, gamma
+        assert np.isfinite(square).all()
+
+
+def test_four_faces_below_phi_three_above_one_overhead():
+    count = [int(faces_that_apply(UPRIGHT, light_at(gamma)).sum()) for gamma in np.deg2rad([0, 20, 29.9, 30.1, 60, 90])]
+    assert count == [4, 4, 4, 3, 3, 1]
+    assert faces_that_apply(UPRIGHT, light_at(1.0)).tolist() == [False, True, True, True]  # light from above: no bottom
+    assert faces_that_apply(UPRIGHT, light_at(1.0, side=-1.0)).tolist() == [True, True, False, True]
+
+
+def test_near_distance_of_a_face_is_the_least_worst_on_a_grid():
+    rng = np.random.default_rng(1)
+    near, ratio, share = 10 ** rng.uniform(-1, 1, 200), 10 ** rng.uniform(0.05, 4, 200), rng.uniform(0, 1, 200)
+    length, far = near * ratio, near * ratio
+    start = near / far * length
+    low = share * start
+    found = face_near_distance(*(jnp.asarray(x) for x in (low, start, length, near, far)))
+
+    def worst(q):
+        extent = length - low
+        ends = (q + start - low) ** 2 / near, (q + extent) ** 2 / far
+        return np.maximum(*ends) * extent / (q * (q + extent))
+
+    grid = np.exp(np.linspace(-14, 14, 3001))[:, None] * (length - low)
+    assert (worst(np.asarray(found)) <= worst(grid).min(axis=0) * (1 + 1e-9)).all()
+    # with the light overhead a face is the whole frustum and n' is Wimmer's
+    one, hundred = jnp.ones(()), jnp.full((), 100.0)
+    np.testing.assert_allclose(face_near_distance(one, one, hundred, one, hundred), 11, rtol=1e-12)
+
+
+read = eqx.filter_jit(lambda shadows, points, normals: shadows.visibility(points, normals))
+
+
+def test_shadows_converge_to_the_exact_ones_from_every_angle():
+    """Under a light along the view, across it, and between: wrong area falls with the texels' size."""
+    camera = above()
+    spots = jnp.stack(jnp.meshgrid(*[jnp.linspace(-3.0, 3.0, 70)] * 2), axis=-1).reshape(-1, 2)
+    points = jnp.stack([spots[:, 0], jnp.zeros(len(spots)), spots[:, 1]], axis=-1)
+    normals = jnp.broadcast_to(jnp.asarray([0.0, 1.0, 0.0]), points.shape)
+    keep = in_view(camera, points)
+    for gamma in np.deg2rad([0.0, 25, 50, 90]):
+        down = -np.asarray(camera.up)
+        light = DirectionalLight.create(np.cos(gamma) * np.asarray(camera.forward) + np.sin(gamma) * down)
+        exact = read(Exact().build(MESH, light, camera), points, normals)
+        wrong = []
+        for resolution in (64, 512):
+            built = ShadowMapping(resolution=resolution, partition=Faces()).build(MESH, light, camera)
+            value = read(built, points, normals)
+            wrong.append(float(jnp.mean(jnp.abs(value - exact), where=keep)))
+        assert 0.02 < float(jnp.mean(exact, where=keep)) < 0.98
+        assert wrong[0] < 0.05
+        assert wrong[1] < 0.008
+
+
+def test_registry_and_bad_light():
+    assert isinstance(make_partition("faces"), Faces)
+    assert {"whole", "z", "faces"} <= set(PARTITIONS)
+    with pytest.raises(ValueError, match="'whole'"):
+        make_partition("cubes")
+    for kind in ("spot", "point"):
+        with pytest.raises(ValueError, match="directional light; got"):
+            Faces().grids(MESH, lights()[kind], above(), 8)
+
+
+def test_gradient_of_the_map_by_the_light_is_finite():
+    points = points_in_the_view(UPRIGHT, 400)
+
+    @jax.jit
+    def total(direction):
+        light = DirectionalLight(direction, jnp.ones(3))
+        return jnp.sum(places(UPRIGHT, light, points)[1])
+
+    for gamma in (0.0, 0.3, np.pi / 2):
+        assert np.isfinite(jax.grad(total)(light_at(gamma).direction)).all()
