@@ -116,13 +116,12 @@ def test_registry_and_bad_light():
             Faces().grids(MESH, lights()[kind], above(), 8)
 
 
-def test_gradient_of_the_map_by_the_light_is_finite():
-    points = points_in_the_view(UPRIGHT, 400)
-
+def test_gradient_of_every_warp_by_the_light_is_finite():
     @jax.jit
-    def total(direction):
-        light = DirectionalLight(direction, jnp.ones(3))
-        return jnp.sum(places(UPRIGHT, light, points)[1])
+    @jax.grad
+    def slope(direction):
+        grids = Faces(tight=False).grids(MESH, DirectionalLight(direction, jnp.ones(3)), UPRIGHT, 8)
+        return sum(jnp.sum(grid.plane_map.inverse(jnp.full((1, 2), 0.3))) for grid in grids)
 
     for gamma in (0.0, 0.3, np.pi / 2):
-        assert np.isfinite(jax.grad(total)(light_at(gamma).direction)).all()
+        assert np.isfinite(slope(light_at(gamma).direction)).all()

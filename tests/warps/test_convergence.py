@@ -89,7 +89,6 @@ def test_wrong_area_is_what_the_texels_predict_and_halves_with_them(areas, name)
     kind, index = (1, 0) if name == "logarithmic" else (0, list(NEAR_DISTANCES).index(name))
     measured, predicted, reach = (np.asarray([size[kind][i][index] for size in areas]) for i in range(3))
     assert (reach < REACH / np.asarray(RESOLUTIONS)).all()  # nothing wrong lies beside the strips
-    # edges of 8 m cross hundreds of texels, whose phases average out
-    np.testing.assert_allclose(measured, predicted, rtol=0.12)
-    np.testing.assert_allclose(np.exp(np.mean(np.log(measured / predicted))), 1, atol=0.06)
-    np.testing.assert_allclose(predicted[:-1] / predicted[1:], 2, rtol=1e-12)
+    # phases of the staircase and the four corners add what is of second order in the texels
+    assert (np.abs(measured / predicted - 1) < 3 * reach).all()
+    np.testing.assert_allclose(predicted[:-1] / predicted[1:], 2, rtol=2e-3)
