@@ -30,10 +30,9 @@ def test_the_published_parameter_s_exception_is_found_again():
     np.testing.assert_allclose(found.storage, splits(*VIEW, np.pi / 4, 4, "sum", "lispsm").storage, rtol=1e-9)
 
 
-@pytest.mark.parametrize("objective", ["sum", "max"])
-def test_free_near_distances_reach_the_closed_form_of_least_storage(objective):
+def test_free_near_distances_reach_the_closed_form_of_least_storage():
     """Without a limit, planes and n' decouple: equal ratios (eq. 50), and n' in closed form."""
-    found = joint_splits(*VIEW, np.pi / 4, 4, objective)
+    found = joint_splits(*VIEW, np.pi / 4, 4)
     np.testing.assert_allclose(found.splits, logarithmic_splits(*VIEW[:2], 4), rtol=1e-6)
     parts = slices_of(found, np.pi / 4)
     np.testing.assert_allclose(found.near_distances, least_storage(parts, "axis"), rtol=1e-6)
@@ -77,8 +76,8 @@ def test_a_seam_limit_is_kept_and_costs_something():
 
 
 def test_parallel_light_keeps_all_slices_but_the_first_at_the_limit():
-    """γ = 0, uniform maps: the jump at a cut is the next slice's ratio, so they end up at the limit (eq. 55, λ = 0)."""
-    found = joint_splits(*VIEW, 0.0, 4, "max", "uniform", 2.0)
+    """γ = 0, where every n' is the uniform map: the jump at a cut is the next slice's ratio, so they end up at the limit (eq. 55, λ = 0)."""
+    found = joint_splits(*VIEW, 0.0, 4, "max", "minimax", 2.0)
     np.testing.assert_allclose(found.splits, [1, 12.5, 25, 50, 100], rtol=1e-6)
     np.testing.assert_allclose(found.storage, 12.5**2, rtol=1e-6)
     view = LightFrustum.create(*VIEW, 0.0)

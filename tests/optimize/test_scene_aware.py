@@ -54,7 +54,9 @@ def test_nothing_on_a_grid_beats_the_best_near_distance(pixels):
     errors = jax.vmap(lambda q: mean_error(pixels, q))(grid)
     assert float(found.error) <= float(jnp.min(errors)) * (1 + 1e-12)
     np.testing.assert_allclose(mean_error(pixels, found.near_distance), found.error, rtol=1e-9)
-    assert abs(float(found.slope)) < 1e-9
+    # the light leans: the optimum is a kink, where another corner begins to bound the map's width
+    assert found.slope_below < -1e-3
+    assert found.slope_above > 1e-3
     assert found.gain >= 1
     worst = near_distance_for_view(pixels, "worst")
     chart = chart_between(pixels, pixels.frustum.near, pixels.frustum.far)
@@ -65,8 +67,14 @@ def test_nothing_on_a_grid_beats_the_best_near_distance(pixels):
         near_distance_for_view(pixels, "median")
 
 
-def test_best_near_distance_carries_the_implicit_derivative(pixels):
+def test_best_near_distance_carries_the_implicit_derivative(surface):
     """Weigh the nearer pixels more: the derivative of n' against central differences of the whole search."""
+    upright = DirectionalLight.create(0.6 * np.asarray(CAMERA.forward) - 0.8 * np.asarray(CAMERA.up))
+    pixels = seen_pixels(surface, CAMERA, upright)
+    smooth = near_distance_for_view(pixels)
+    assert abs(float(smooth.slope_below)) < 1e-6
+    assert abs(float(smooth.slope_above)) < 1e-6
+    assert not smooth.uniform
 
     @jax.jit
     def best(power):
@@ -94,7 +102,8 @@ def test_planes_are_the_best_of_all_on_the_grid(pixels):
             sums = jnp.asarray(raw[:, inside].sum(axis=1))
             total += float(np.min(jax.vmap(lambda q, s=sums, c=chart: total_error(s, c, 1 / q))(jnp.asarray(grid))))
         costs.append(total / float(jnp.sum(pixels.weight)))
-    np.testing.assert_allclose(found.error, min(costs), rtol=1e-4)
+    assert found.error <= min(costs) * (1 + 1e-9)
+    np.testing.assert_allclose(found.error, min(costs), rtol=1e-3)  # the trial n' lie apart
     np.testing.assert_allclose(found.splits[1], edges[1 + int(np.argmin(costs))], rtol=1e-9)
     assert found.coarser >= -1e-12
     single = splits_for_view(pixels, 1, 16)
