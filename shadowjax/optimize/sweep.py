@@ -31,17 +31,17 @@ class Sweep(eqx.Module):
         storage_uniform: The same with uniform maps.
     """
 
-    minimax: Float[Array, "gamma ratio phi k"]
-    least_storage: Float[Array, "gamma ratio phi k"]
-    balanced: Float[Array, "gamma ratio phi k"]
-    published: Float[Array, "gamma ratio phi k"]
-    max_error_x: Float[Array, "gamma ratio phi k"]
-    max_error_z: Float[Array, "gamma ratio phi k"]
-    loss: Float[Array, "gamma ratio phi k"]
-    storage_minimax: Float[Array, "gamma ratio phi k"]
-    storage_least: Float[Array, "gamma ratio phi k"]
-    storage_published: Float[Array, "gamma ratio phi k"]
-    storage_uniform: Float[Array, "gamma ratio phi k"]
+    minimax: Float[Array, "..."]
+    least_storage: Float[Array, "..."]
+    balanced: Float[Array, "..."]
+    published: Float[Array, "..."]
+    max_error_x: Float[Array, "..."]
+    max_error_z: Float[Array, "..."]
+    loss: Float[Array, "..."]
+    storage_minimax: Float[Array, "..."]
+    storage_least: Float[Array, "..."]
+    storage_published: Float[Array, "..."]
+    storage_uniform: Float[Array, "..."]
 
 
 def _one(gamma: Array, ratio: Array, phi: Array, k: Array, section: Section) -> Sweep:

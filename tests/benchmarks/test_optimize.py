@@ -25,8 +25,8 @@ def test_near_distances_per_second(benchmark):
     frusta = random_frusta(COUNT, seed=5)
     many = jax.jit(jax.vmap(search))
     found = benchmark(lambda: jax.block_until_ready(many(frusta)))
-    # below γ = 1e-6 rounding hides the optimum from a search, not from the closed form
-    clear = np.asarray(frusta.gamma > 1e-6)
+    # below γ = 1e-5 rounding hides the optimum from a search, not from the closed form
+    clear = np.asarray(frusta.gamma > 1e-5)
     closed = np.asarray(minimax(frusta))
     flat = closed > 1e-3 * np.asarray(frusta.uniform_near_distance)
     assert np.max(np.abs(np.asarray(found) / closed - 1)[clear & ~flat]) < 1e-8

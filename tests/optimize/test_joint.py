@@ -76,7 +76,7 @@ def test_a_seam_limit_is_kept_and_costs_something():
 
 
 def test_parallel_light_keeps_all_slices_but_the_first_at_the_limit():
-    """γ = 0, where every n' is the uniform map: the jump at a cut is the next slice's ratio, so they end up at the limit (eq. 55, λ = 0)."""
+    """γ = 0, where every n' is the uniform map: the jump is the next slice's ratio (eq. 55 with λ = 0)."""
     found = joint_splits(*VIEW, 0.0, 4, "max", "minimax", 2.0)
     np.testing.assert_allclose(found.splits, [1, 12.5, 25, 50, 100], rtol=1e-6)
     np.testing.assert_allclose(found.storage, 12.5**2, rtol=1e-6)
