@@ -18,7 +18,7 @@ from shadowjax._checks import require
 from shadowjax._numerics import dot, norm, safe_divide
 from shadowjax._types import Array, Float, Scalar, Vector2
 from shadowjax.geometry.camera import Camera
-from shadowjax.geometry.light import DirectionalLight
+from shadowjax.geometry.light import DirectionalLight, Light
 from shadowjax.geometry.transforms import light_frame
 from shadowjax.shading import Surface, valid_receivers
 from shadowjax.warps.fit import light_frustum
@@ -48,7 +48,7 @@ class SeenPixels(eqx.Module):
 
 
 @eqx.filter_jit
-def seen_pixels(surface: Surface, camera: Camera, light: DirectionalLight, projection: bool = False) -> SeenPixels:
+def seen_pixels(surface: Surface, camera: Camera, light: Light, projection: bool = False) -> SeenPixels:
     """Depth buffer and weights of a view.
 
     Args:
@@ -63,6 +63,7 @@ def seen_pixels(surface: Surface, camera: Camera, light: DirectionalLight, proje
     """
     kind = type(light).__name__
     require(isinstance(light, DirectionalLight), f"near distances need a directional light; got {kind}")
+    assert isinstance(light, DirectionalLight)
     offset = (surface.points - camera.position).reshape(-1, 3)
     frame = light_frame(-light.direction, camera.forward)
     depth = offset @ camera.forward
