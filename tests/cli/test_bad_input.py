@@ -55,6 +55,8 @@ FLAGS = {
     "optimise phi": (["optimize", "splits", "--phi-deg", "0"], "(0, 90) degrees"),
     "optimise gamma": (["optimize", "near-distance", "--gamma-deg", "91"], "[0, 90] degrees; got 91"),
     "optimise partitions": (["optimize", "splits", "--num-partitions", "0"], "partitions"),
+    "optimise seam limit": (["optimize", "splits", "--seam-limit", "1"], "must exceed 1; got 1.0"),
+    "optimise objective": (["optimize", "near-distance", "--objective", "y"], "--objective"),
     "configuration": (["optimize", "splits", "--config", "{tmp}/none.toml"], "no such configuration file"),
 }  # fmt: skip
 

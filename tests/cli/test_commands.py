@@ -1,6 +1,7 @@
 """The commands in this process, on tiny pictures: what they write and the codes they return."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -122,3 +123,17 @@ def test_configuration_file_and_flags_over_it(tmp_path, capsys):
     np.testing.assert_allclose(json.loads(capsys.readouterr().out)["near_distance"], 12, rtol=1e-8)
     assert main([*words, "--far", "32"]) == 0
     np.testing.assert_allclose(json.loads(capsys.readouterr().out)["near_distance"], 10, rtol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["near-distance", "splits"])
+def test_configurations_of_the_repository_are_good(name, capsys):
+    """Each file of configs for an optimisation is read, and its limits hold in the answer."""
+    config = Path(__file__).resolve().parents[2] / "configs" / f"optimize_{name.replace('-', '_')}.toml"
+    assert main(["optimize", name, "--config", str(config), "--json", "-"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    if name == "splits":
+        assert list(answer) == ["splits", "storage", "near_distances", "certificate"]
+        assert answer["certificate"]["seam_jump"] <= 1.5 * (1 + 1e-6)
+        assert answer["certificate"]["residual"] < 1e-6
+    else:
+        np.testing.assert_allclose(answer["gain"], 1.502231, rtol=1e-6)
