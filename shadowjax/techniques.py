@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from shadowjax._checks import require, require_int
@@ -16,6 +17,7 @@ from shadowjax.filters.bias import Bias, texel_size
 from shadowjax.filters.hard import Hard
 from shadowjax.filters.multi_depth import MultiDepth, Neighbourhood, Ring
 from shadowjax.filters.pcf import BilinearPercentageCloser, PercentageCloser
+from shadowjax.filters.variance import Variance
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
@@ -96,8 +98,8 @@ def _read_with(
 ) -> "MappedShadows":
     """Cast maps prepared for a filter, with the bias that frees a plane of acne for it where none is given."""
     if bias is None:
-        bias = Bias(jnp.asarray(filter_.reach, maps[0].depth.dtype), "slope")
-    planes = tuple(_planes(filter_, shadow_map.depth) for shadow_map in maps)
+        bias = Bias(jnp.asarray(filter_.bias_reach, maps[0].depth.dtype), "slope")
+    planes = tuple(_planes(filter_, shadow_map) for shadow_map in maps)
     return MappedShadows(filter_, partition, camera, maps, planes, bias)
 
 
@@ -108,8 +110,8 @@ def _grids(partition: Partition, mesh: Mesh, light: Light, camera: Camera, resol
 
 
 @eqx.filter_jit
-def _planes(filter_: Filter, depth: Float[Array, "rows cols"]) -> Float[Array, "n rows cols"]:
-    return filter_.prepare(depth)
+def _planes(filter_: Filter, shadow_map: ShadowMap) -> Any:
+    return filter_.prepare_map(shadow_map)
 
 
 class MappedShadows(Shadows):
@@ -128,7 +130,7 @@ class MappedShadows(Shadows):
     partition: Partition
     camera: Camera
     maps: tuple[ShadowMap, ...]
-    planes: tuple[Float[Array, "n rows cols"], ...]
+    planes: tuple[Any, ...]
     bias: Bias
 
     def visibility(self, points: Points, normals: Points) -> Float[Array, "*points"]:
@@ -158,7 +160,7 @@ class MappedShadows(Shadows):
     @property
     def map_bytes(self) -> int:
         """Bytes of the planes of all maps."""
-        return sum(planes.nbytes for planes in self.planes)
+        return sum(leaf.nbytes for leaf in jax.tree.leaves(self.planes) if leaf.ndim)
 
 
 class Exact(Technique):
@@ -224,6 +226,7 @@ TECHNIQUES: dict[str, Callable[..., Technique]] = {
     "pcf-4x4": _mapping(lambda: PercentageCloser(4)),
     "pcf-bilinear": _mapping(lambda: BilinearPercentageCloser(1)),
     "pcf-bilinear-3x3": _mapping(lambda: BilinearPercentageCloser(3)),
+    "vsm": _mapping(lambda: Variance(bleed_low=0.2)),
     "2sm-max": _mapping(lambda: MultiDepth(Neighbourhood("max"))),
     "2sm-min": _mapping(lambda: MultiDepth(Neighbourhood("min"))),
     "3sm": _mapping(lambda: MultiDepth(Neighbourhood("min-max"))),
