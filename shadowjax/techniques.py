@@ -12,7 +12,7 @@ from shadowjax._checks import require, require_int
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Float, Points
 from shadowjax.filters.base import Filter, Lookup
-from shadowjax.filters.bias import Bias, texel_size
+from shadowjax.filters.bias import Bias, BiasRule, plane_gradient, texel_size
 from shadowjax.filters.hard import Hard
 from shadowjax.filters.multi_depth import MultiDepth, Neighbourhood, Ring
 from shadowjax.filters.pcf import BilinearPercentageCloser, PercentageCloser
@@ -74,7 +74,7 @@ class ShadowMapping(Technique):
     resolution: int = eqx.field(static=True, default=512)
     partition: Partition = Whole()
     caster: Caster = BruteForce()
-    bias: Bias | None = None
+    bias: BiasRule | None = None
 
     def __check_init__(self):
         require_int(self.resolution, "resolution", 1)
@@ -92,7 +92,7 @@ class ShadowMapping(Technique):
 
 
 def _read_with(
-    filter_: Filter, partition: Partition, camera: Camera, maps: tuple[ShadowMap, ...], bias: Bias | None
+    filter_: Filter, partition: Partition, camera: Camera, maps: tuple[ShadowMap, ...], bias: BiasRule | None
 ) -> "MappedShadows":
     """Cast maps prepared for a filter, with the bias that frees a plane of acne for it where none is given."""
     if bias is None:
@@ -129,7 +129,7 @@ class MappedShadows(Shadows):
     camera: Camera
     maps: tuple[ShadowMap, ...]
     planes: tuple[Float[Array, "n rows cols"], ...]
-    bias: Bias
+    bias: BiasRule
 
     def visibility(self, points: Points, normals: Points) -> Float[Array, "*points"]:
         """Read the map of each point's region."""
@@ -142,18 +142,21 @@ class MappedShadows(Shadows):
         facing = dot(normals, grids[0].space.to_source(points)) > 0
         return jnp.where(facing, result, jnp.zeros_like(result))
 
-    def with_filter(self, filter_: Filter, bias: Bias | None = None) -> "MappedShadows":
+    def with_filter(self, filter_: Filter, bias: BiasRule | None = None) -> "MappedShadows":
         """The same maps read with another filter; its own default bias if none is given."""
         return _read_with(filter_, self.partition, self.camera, self.maps, bias)
 
     def lookup(self, shadow_map: ShadowMap, points: Points, normals: Points) -> Lookup:
         """Where points read one map, and the bias of each."""
         grid = shadow_map.grid
-        position, depth = grid.locate(points)
+        forgiven = self.bias.forgive(grid, points, normals)
+        position, depth = grid.locate(forgiven.points)
         # On top of the chosen bias, forgive what rounding does to two computations of one depth.
         rounding = SURFACE_ROUNDINGS * jnp.finfo(points.dtype).eps * grid.far
-        bias = self.bias.in_world(grid, points, normals) + rounding
-        return Lookup(position, depth, bias, texel_size(grid, points), shadow_map.border)
+        gradient = plane_gradient(grid, points, normals) if forgiven.follows_plane else None
+        return Lookup(
+            position, depth, forgiven.depth + rounding, texel_size(grid, points), shadow_map.border, gradient
+        )  # fmt: skip
 
     @property
     def map_bytes(self) -> int:

@@ -4,7 +4,7 @@ from abc import abstractmethod
 
 import equinox as eqx
 
-from shadowjax._types import Array, Float
+from shadowjax._types import Array, Float, Int
 
 
 class Lookup(eqx.Module):
@@ -16,6 +16,8 @@ class Lookup(eqx.Module):
         bias: Depth the test forgives, world units: lit where depth − bias ≤ stored depth.
         texel_size: World size of a texel at the receiver.
         border: What lies outside the map (`maps.sampling.BORDERS`).
+        gradient: Change of the receiver's own plane in depth over one texel along x and along y, world units, where
+            each tap is tested against that plane; None tests every tap against `depth`.
     """
 
     position: Float[Array, "*points 2"]
@@ -23,6 +25,15 @@ class Lookup(eqx.Module):
     bias: Float[Array, "*#points"]
     texel_size: Float[Array, "*#points"]
     border: str = eqx.field(static=True, default="lit")
+    gradient: Float[Array, "*points 2"] | None = None
+
+    def depth_at(self, col: Int[Array, "*points"], row: Int[Array, "*points"]) -> Float[Array, "*points"]:
+        """Depth that a texel is tested against: the receiver's, or its plane's at the texel's centre."""
+        if self.gradient is None:
+            return self.depth
+        x = col.astype(self.depth.dtype) + 0.5 - self.position[..., 0]
+        y = row.astype(self.depth.dtype) + 0.5 - self.position[..., 1]
+        return self.depth + self.gradient[..., 0] * x + self.gradient[..., 1] * y
 
 
 class Filter(eqx.Module):
