@@ -15,7 +15,7 @@ UNITS = ("world", "texel", "slope", "normal", "normal-texel", "ndc")
 ENCODINGS = ("linear", "reciprocal")
 
 
-class DepthRange(eqx.Module):
+class DepthBuffer(eqx.Module):
     """How a depth buffer of one light or cascade encodes distance.
 
     Attributes:
@@ -32,7 +32,7 @@ class DepthRange(eqx.Module):
     span: float = eqx.field(static=True, default=1.0)
 
     @classmethod
-    def create(cls, near: ArrayLike, far: ArrayLike, encoding: str = "linear", span: float = 1.0) -> "DepthRange":
+    def create(cls, near: ArrayLike, far: ArrayLike, encoding: str = "linear", span: float = 1.0) -> "DepthBuffer":
         """Checked constructor.
 
         Raises:
@@ -68,7 +68,7 @@ class BiasScale(eqx.Module):
         texel: World size of a texel at the receiver, across the light.
         slope: Depth change of the receiver's plane over one texel along both axes, world units.
         cosine: Cosine of the incidence θ, in (0, 1]: moving by h along the normal frees h / cos θ of depth.
-        ndc: Depth-buffer units per world unit (`DepthRange.rate`); 0 where no buffer is given.
+        ndc: Depth-buffer units per world unit (`DepthBuffer.rate`); 0 where no buffer is given.
     """
 
     texel: Float[Array, "*points"]
@@ -82,7 +82,7 @@ class BiasScale(eqx.Module):
         texel: ArrayLike,
         incidence: ArrayLike,
         azimuth: ArrayLike = 0.0,
-        depth: DepthRange | None = None,
+        depth: DepthBuffer | None = None,
         distance: ArrayLike = 0.0,
     ) -> "BiasScale":
         """The scale of a plane in parallel light under square texels, in closed form.
@@ -109,7 +109,7 @@ class BiasScale(eqx.Module):
         return cls(*jnp.broadcast_arrays(texel, slope, jnp.cos(incidence.astype(texel.dtype)), rate))
 
     @classmethod
-    def at(cls, grid: RayGrid, points: Points, normals: Points, depth: DepthRange | None = None) -> "BiasScale":
+    def at(cls, grid: RayGrid, points: Points, normals: Points, depth: DepthBuffer | None = None) -> "BiasScale":
         """The scale at receivers of any map: warped, perspective or not.
 
         Args:
@@ -132,7 +132,7 @@ class BiasScale(eqx.Module):
         """
         require_choice(unit, "bias unit", UNITS)
         if unit == "ndc":
-            return 1.0 / require_value(self.ndc, self.ndc > 0, "NDC units need a depth buffer: give a DepthRange")
+            return 1.0 / require_value(self.ndc, self.ndc > 0, "NDC units need a depth buffer: give a DepthBuffer")
         one = jnp.ones_like(self.texel)
         sizes = {
             "world": one, "texel": self.texel, "slope": self.slope,
@@ -158,7 +158,7 @@ class BiasScale(eqx.Module):
 
 
 def cascade_scales(
-    grids: Sequence[RayGrid], points: Points, normals: Points, depths: Sequence[DepthRange] | None = None
+    grids: Sequence[RayGrid], points: Points, normals: Points, depths: Sequence[DepthBuffer] | None = None
 ) -> tuple[BiasScale, ...]:
     """The scale of the same receivers in each map of a partition: what one number means from cascade to cascade.
 
@@ -172,4 +172,4 @@ def cascade_scales(
     return tuple(BiasScale.at(grid, points, normals, depth) for grid, depth in zip(grids, ranges, strict=True))
 
 
-__all__ = ["ENCODINGS", "UNITS", "BiasScale", "DepthRange", "cascade_scales"]
+__all__ = ["ENCODINGS", "UNITS", "BiasScale", "DepthBuffer", "cascade_scales"]

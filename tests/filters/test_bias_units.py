@@ -7,7 +7,7 @@ import pytest
 from shapes import above, lights, plate_over_plane
 
 from shadowjax.analysis.acne import contact_gap, least_plane_bias
-from shadowjax.filters.bias_units import UNITS, BiasScale, DepthRange, cascade_scales
+from shadowjax.filters.bias_units import UNITS, BiasScale, DepthBuffer, cascade_scales
 from shadowjax.partitions.z_split import ZSplit
 from shadowjax.warps.fit import PerspectiveFit
 
@@ -15,14 +15,14 @@ from shadowjax.warps.fit import PerspectiveFit
 @pytest.mark.parametrize("encoding", ["linear", "reciprocal"])
 @pytest.mark.parametrize("span", [1.0, 2.0])
 def test_rate_is_the_derivative_of_the_encoding(encoding, span):
-    depth = DepthRange.create(0.5, 40.0, encoding, span)
+    depth = DepthBuffer.create(0.5, 40.0, encoding, span)
     where = jnp.asarray([0.5, 3.0, 40.0])
     np.testing.assert_allclose(depth.rate(where), jax.vmap(jax.grad(depth.encode))(where), rtol=1e-12)
     np.testing.assert_allclose(depth.encode(where)[jnp.asarray([0, 2])], [1 - span, 1.0], atol=1e-12)
 
 
 def test_every_pair_of_units_goes_there_and_back():
-    scale = BiasScale.of_plane(0.02, 0.8, 0.3, DepthRange.create(1.0, 90.0, "reciprocal"), 30.0)
+    scale = BiasScale.of_plane(0.02, 0.8, 0.3, DepthBuffer.create(1.0, 90.0, "reciprocal"), 30.0)
     for unit in UNITS:
         for to in UNITS:
             there = scale.convert(0.7, unit, to)
@@ -36,7 +36,7 @@ def test_every_pair_of_units_goes_there_and_back():
 def test_closed_form_of_a_plane_is_what_the_map_says():
     grids = ZSplit(2, warp=PerspectiveFit("uniform")).grids(plate_over_plane(), lights()["directional"], above(), 64)
     points, normals = jnp.asarray([[0.5, 0.0, 0.25]]), jnp.asarray([[0.0, 1.0, 0.0]])
-    ranges = [DepthRange.create(0.0, 10.0), DepthRange.create(0.0, 25.0)]
+    ranges = [DepthBuffer.create(0.0, 10.0), DepthBuffer.create(0.0, 25.0)]
     for scale, depth, grid in zip(cascade_scales(grids, points, normals, ranges), ranges, grids, strict=True):
         incidence = jnp.arccos(scale.cosine[0])
         across, down = (np.asarray(v[0]) for v in grid.cell_vectors(points))
@@ -51,7 +51,7 @@ def test_reported_cascades_of_one_normalised_bias():
     height. Depth along the light leaves g = b cos ε."""
     metres = np.array([2.02, 4.12, 6.71, 13.29])
     ranges = metres / (0.005 * np.arange(1, 5))
-    scales = [BiasScale.of_plane(1.0, 0.66, 0.0, DepthRange.create(0.0, far), 1.0) for far in ranges]
+    scales = [BiasScale.of_plane(1.0, 0.66, 0.0, DepthBuffer.create(0.0, far), 1.0) for far in ranges]
     converted = [float(scale.convert(0.005 * (i + 1), "ndc", "world")) for i, scale in enumerate(scales)]
     np.testing.assert_allclose(converted, metres, rtol=1e-12)
     assert np.all(np.diff(ranges) > 0)
@@ -84,6 +84,6 @@ def test_bad_input_says_what_to_do():
     with pytest.raises(ValueError, match="no size in 'slope' units"):
         BiasScale.of_plane(1.0, 0.0).convert(1.0, "world", "slope")
     with pytest.raises(ValueError, match="near must be positive where depth is stored as z/w"):
-        DepthRange.create(0.0, 1.0, "reciprocal")
+        DepthBuffer.create(0.0, 1.0, "reciprocal")
     with pytest.raises(ValueError, match="elevation must lie"):
         contact_gap(1.0, 0.0)
