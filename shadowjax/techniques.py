@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from shadowjax._checks import require, require_int
@@ -13,9 +14,11 @@ from shadowjax._numerics import dot
 from shadowjax._types import Array, Float, Points
 from shadowjax.filters.base import Filter, Lookup
 from shadowjax.filters.bias import Bias, BiasRule, plane_gradient, texel_size
+from shadowjax.filters.bias_kinds import BiasSum, ReceiverPlane
 from shadowjax.filters.hard import Hard
 from shadowjax.filters.multi_depth import MultiDepth, Neighbourhood, Ring
 from shadowjax.filters.pcf import BilinearPercentageCloser, PercentageCloser
+from shadowjax.filters.variance import Variance
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
@@ -96,9 +99,19 @@ def _read_with(
 ) -> "MappedShadows":
     """Cast maps prepared for a filter, with the bias that frees a plane of acne for it where none is given."""
     if bias is None:
-        bias = Bias(jnp.asarray(filter_.reach, maps[0].depth.dtype), "slope")
-    planes = tuple(_planes(filter_, shadow_map.depth) for shadow_map in maps)
+        bias = Bias(jnp.asarray(filter_.bias_reach, maps[0].depth.dtype), "slope")
+    require(
+        filter_.compares or not _follows_plane(bias),
+        f"a receiver-plane bias needs a filter that compares depths; {type(filter_).__name__} reads averages: give a "
+        "Bias or a NormalOffset",
+    )
+    planes = tuple(_planes(filter_, shadow_map) for shadow_map in maps)
     return MappedShadows(filter_, partition, camera, maps, planes, bias)
+
+
+def _follows_plane(bias: BiasRule) -> bool:
+    parts = bias.parts if isinstance(bias, BiasSum) else (bias,)
+    return any(isinstance(part, ReceiverPlane) for part in parts)
 
 
 # The steps of `build` are compiled one by one: techniques that differ in their filter share the compiled caster.
@@ -108,8 +121,8 @@ def _grids(partition: Partition, mesh: Mesh, light: Light, camera: Camera, resol
 
 
 @eqx.filter_jit
-def _planes(filter_: Filter, depth: Float[Array, "rows cols"]) -> Float[Array, "n rows cols"]:
-    return filter_.prepare(depth)
+def _planes(filter_: Filter, shadow_map: ShadowMap) -> Any:
+    return filter_.prepare_map(shadow_map)
 
 
 class MappedShadows(Shadows):
@@ -128,7 +141,7 @@ class MappedShadows(Shadows):
     partition: Partition
     camera: Camera
     maps: tuple[ShadowMap, ...]
-    planes: tuple[Float[Array, "n rows cols"], ...]
+    planes: tuple[Any, ...]
     bias: BiasRule
 
     def visibility(self, points: Points, normals: Points) -> Float[Array, "*points"]:
@@ -155,13 +168,13 @@ class MappedShadows(Shadows):
         rounding = SURFACE_ROUNDINGS * jnp.finfo(points.dtype).eps * grid.far
         gradient = plane_gradient(grid, points, normals) if forgiven.follows_plane else None
         return Lookup(
-            position, depth, forgiven.depth + rounding, texel_size(grid, points), shadow_map.border, gradient
+            position, depth, forgiven.depth + rounding, texel_size(grid, points), shadow_map.border, gradient=gradient
         )  # fmt: skip
 
     @property
     def map_bytes(self) -> int:
         """Bytes of the planes of all maps."""
-        return sum(planes.nbytes for planes in self.planes)
+        return sum(leaf.nbytes for leaf in jax.tree.leaves(self.planes) if leaf.ndim)
 
 
 class Exact(Technique):
@@ -227,6 +240,7 @@ TECHNIQUES: dict[str, Callable[..., Technique]] = {
     "pcf-4x4": _mapping(lambda: PercentageCloser(4)),
     "pcf-bilinear": _mapping(lambda: BilinearPercentageCloser(1)),
     "pcf-bilinear-3x3": _mapping(lambda: BilinearPercentageCloser(3)),
+    "vsm": _mapping(lambda: Variance(bleed_low=0.2)),
     "2sm-max": _mapping(lambda: MultiDepth(Neighbourhood("max"))),
     "2sm-min": _mapping(lambda: MultiDepth(Neighbourhood("min"))),
     "3sm": _mapping(lambda: MultiDepth(Neighbourhood("min-max"))),

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 
 from shadowjax._checks import require_choice
-from shadowjax._types import Array, Float, Int
+from shadowjax._types import Array, Bool, Float, Int
 from shadowjax.rays.ray import far_away
 
 BORDERS = ("lit", "clamp", "octahedral")
@@ -96,10 +96,24 @@ def read_bilinear(
         position: (x, y) in texels, centres at +½.
         border: See `read_texels`; "clamp" by default, since a mean with the depth beyond everything has no meaning.
     """
+    return jnp.stack(read_bilinear_apart(planes, position, border))
+
+
+def read_bilinear_apart(
+    planes: Float[Array, "n rows cols"], position: Float[Array, "*points 2"], border: str = "clamp"
+) -> list[Float[Array, "*points"]]:
+    """As `read_bilinear`, one array for each plane: nothing has to be copied together."""
     col, row, right, down = bilinear_weights(position)
-    result = jnp.zeros((planes.shape[0], *position.shape[:-1]), planes.dtype)
+    results = [jnp.zeros(position.shape[:-1], planes.dtype) for _ in planes]
     for d_row, row_weight in ((0, 1 - down), (1, down)):
         for d_col, col_weight in ((0, 1 - right), (1, right)):
+            weight = row_weight * col_weight
             values = read_texels(planes, col + d_col, row + d_row, border)
-            result = result + jnp.stack(values) * (row_weight * col_weight)
-    return result
+            results = [result + value * weight for result, value in zip(results, values, strict=True)]
+    return results
+
+
+def is_outside(position: Float[Array, "*points 2"], num_rows: int, num_cols: int) -> Bool[Array, "*points"]:
+    """Whether a position (in texels) lies beyond the map."""
+    x, y = position[..., 0], position[..., 1]
+    return (x < 0) | (x > num_cols) | (y < 0) | (y > num_rows)
