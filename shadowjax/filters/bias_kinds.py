@@ -7,6 +7,7 @@ from shadowjax._checks import require, require_choice, require_finite, require_v
 from shadowjax._numerics import dot, safe_sqrt
 from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, as_float_array
 from shadowjax.filters.bias import Bias, BiasRule, Forgiven, plane_gradient, texel_size
+from shadowjax.filters.bias_units import DepthBuffer
 from shadowjax.rays.ray_grid import RayGrid
 
 SLOPES = ("sum", "largest")
@@ -132,6 +133,33 @@ class ReceiverPlane(BiasRule):
         return Forgiven(points, besides + self.constant.astype(points.dtype), True)
 
 
+class BufferBias(BiasRule):
+    """A bias in depth-buffer (NDC) units, as engines take it: how many metres it is depends on the light's range.
+
+    Attributes:
+        value: Depth-buffer units, ≥ 0.
+        buffer: The light's depth buffer; None takes a linear one from 0 to the map's own farthest depth.
+    """
+
+    value: Scalar
+    buffer: DepthBuffer | None = None
+
+    @classmethod
+    def create(cls, value: ArrayLike, buffer: DepthBuffer | None = None) -> "BufferBias":
+        """Checked constructor.
+
+        Raises:
+            ValueError: If the value is negative or not finite.
+        """
+        return cls(_not_negative(value, "depth-buffer bias"), buffer)
+
+    def forgive(self, grid: RayGrid, points: Points, normals: Points) -> Forgiven:
+        """The receivers where they are, and the value divided by the buffer's rate at their distance."""
+        buffer = DepthBuffer(jnp.zeros_like(grid.far), grid.far) if self.buffer is None else self.buffer
+        _, distance = grid.locate(points)
+        return Forgiven(points, self.value.astype(points.dtype) / buffer.rate(distance).astype(points.dtype))
+
+
 class BiasSum(BiasRule):
     """Several rules at once, as engines combine a constant with a normal offset: depths add, moves add.
 
@@ -168,4 +196,13 @@ def acne_free_offset(grid: RayGrid, points: Points, normals: Points, reach: floa
     return reach * (jnp.abs(dot(normals, across)) + jnp.abs(dot(normals, down)))
 
 
-__all__ = ["OFFSET_UNITS", "SLOPES", "BiasSum", "NormalOffset", "ReceiverPlane", "SlopeScaled", "acne_free_offset"]
+__all__ = [
+    "OFFSET_UNITS",
+    "SLOPES",
+    "BiasSum",
+    "BufferBias",
+    "NormalOffset",
+    "ReceiverPlane",
+    "SlopeScaled",
+    "acne_free_offset",
+]
