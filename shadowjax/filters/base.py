@@ -5,7 +5,7 @@ from typing import Any
 
 import equinox as eqx
 
-from shadowjax._types import Array, Float
+from shadowjax._types import Array, Float, Int
 from shadowjax.maps.shadow_map import ShadowMap
 
 
@@ -21,6 +21,8 @@ class Lookup(eqx.Module):
         footprint: Change of (x, y), in texels, over one pixel along the image's columns (first) and rows; None if the
             image is unknown. `footprint[..., i, j]` is the change of coordinate i for a step along image axis j.
         parallel: Whether the light's rays are parallel; else they start in one point.
+        gradient: Change of the receiver's own plane in depth over one texel along x and along y, world units, where
+            each tap is tested against that plane; None tests every tap against `depth`.
     """
 
     position: Float[Array, "*points 2"]
@@ -30,6 +32,15 @@ class Lookup(eqx.Module):
     border: str = eqx.field(static=True, default="lit")
     footprint: Float[Array, "*points 2 2"] | None = None
     parallel: bool = eqx.field(static=True, default=True)
+    gradient: Float[Array, "*points 2"] | None = None
+
+    def depth_at(self, col: Int[Array, "*points"], row: Int[Array, "*points"]) -> Float[Array, "*points"]:
+        """Depth that a texel is tested against: the receiver's, or its plane's at the texel's centre."""
+        if self.gradient is None:
+            return self.depth
+        x = col.astype(self.depth.dtype) + 0.5 - self.position[..., 0]
+        y = row.astype(self.depth.dtype) + 0.5 - self.position[..., 1]
+        return self.depth + self.gradient[..., 0] * x + self.gradient[..., 1] * y
 
 
 class Filter(eqx.Module):
@@ -77,6 +88,11 @@ class Filter(eqx.Module):
         """Whether visibility is a mean of depth comparisons, so exact away from shadow edges and without gradient in
         stored depths; else it is reconstructed from a smooth encoding of depth."""
         return True
+
+    @property
+    def follows_plane(self) -> bool:
+        """Whether lookups must know the receiver's own plane (`Lookup.gradient`) whatever the bias."""
+        return False
 
     @property
     def cast_factor(self) -> int:
