@@ -12,7 +12,7 @@ from shadowjax._types import Array, Float
 from shadowjax.filters.base import Filter, Lookup
 from shadowjax.filters.pcf import bilinear_percentage_closer
 from shadowjax.filters.prefilter import DepthRange, Prefilter
-from shadowjax.maps.blur import extend, kernel_radius, kernel_weights
+from shadowjax.maps.blur import extend, kernel_radius
 from shadowjax.maps.sampling import is_outside, read_nearest
 from shadowjax.maps.shadow_map import ShadowMap
 
@@ -118,6 +118,11 @@ class Exponential(Filter):
         require_choice(self.fallback, "fallback", FALLBACKS)
         require(self.threshold >= 0, f"threshold must not be negative; got {self.threshold}")
         require_int(self.fallback_size, "fallback_size", 1)
+        require(
+            self.space == "linear" or self.prefilter.sampling in ("nearest", "bilinear"),
+            f"logarithms are averaged by nearest or bilinear sampling only; got {self.prefilter.sampling!r}: use "
+            "space='linear'",
+        )
 
     def prepare(
         self, depth: Float[Array, "rows cols"], far: Float[Array, ""] | None = None, border: str = "lit"
@@ -143,10 +148,9 @@ class Exponential(Filter):
             check_exponent(self.exponent, depth.dtype)
         depth_range = DepthRange.of(depth, far)
         unit = extend(depth_range.to_unit(depth), self.prefilter.radius, border, jnp.ones((), depth.dtype))
-        weights = kernel_weights(self.prefilter.kernel, self.prefilter.size, self.prefilter.sigma)
         exponents = self.exponent * unit
         if self.space == "log":
-            stored = blur_exponents(exponents, weights)[None]
+            stored = blur_exponents(exponents, self.prefilter.weights)[None]
         else:
             stored = self.prefilter.prepare(jnp.exp(exponents)[None])
         farthest = None

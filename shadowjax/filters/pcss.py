@@ -1,13 +1,17 @@
 """Percentage-closer soft shadows: how far blockers stand from the receiver decides how wide the filter is."""
 
+from collections.abc import Callable
+from typing import Any
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from shadowjax._checks import require, require_finite, require_int
-from shadowjax._types import Array, Float
+from shadowjax._types import Array, Bool, Float
 from shadowjax.filters.base import Filter, Lookup
 from shadowjax.filters.hard import is_lit
-from shadowjax.filters.pcf import kernel_offsets, percentage_closer
+from shadowjax.filters.pcf import kernel_offsets
 from shadowjax.maps.sampling import read_texels, texel_index
 from shadowjax.maps.shadow_map import ShadowMap
 
@@ -30,18 +34,31 @@ def mean_blocker_depth(
 
     Source: Fernando 2005, "Percentage-Closer Soft Shadows", step 1.
     """
-    x, y = lookup.position[..., 0], lookup.position[..., 1]
-    total, count = jnp.zeros_like(lookup.depth), jnp.zeros_like(lookup.depth)
-    for down in kernel_offsets(num_taps):
-        row = texel_index(y + down * spacing)
-        for across in kernel_offsets(num_taps):
-            col = texel_index(x + across * spacing)
-            (stored,) = read_texels(planes, col, row, lookup.border)
-            blocks = ~is_lit(stored, lookup.depth_at(col, row), lookup.bias)
-            total = total + jnp.where(blocks, stored, jnp.zeros_like(stored))
-            count = count + blocks.astype(total.dtype)
+
+    def step(sums: tuple[Numbers, Numbers], stored: Numbers, blocks: Bool[Array, "*points"]) -> tuple[Numbers, Numbers]:
+        total, count = sums
+        return total + jnp.where(blocks, stored, jnp.zeros_like(stored)), count + blocks.astype(count.dtype)
+
+    zeros = jnp.zeros_like(lookup.depth)
+    total, count = _over_taps(planes, lookup, num_taps, spacing, step, (zeros, zeros))
     none = count == 0
     return jnp.where(none, lookup.depth, total / jnp.where(none, jnp.ones_like(count), count)), count
+
+
+def _over_taps(
+    planes: Array, lookup: Lookup, num_taps: int, spacing: Array, step: Callable[..., Any], start: Any
+) -> Any:
+    """Fold `step(state, stored depth, whether it shadows)` over K × K taps; a loop, as taps are many."""
+    offsets = jnp.asarray(kernel_offsets(num_taps), lookup.position.dtype)
+    taps = jnp.stack(jnp.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)
+
+    def one(state: Any, tap: Array) -> tuple[Any, None]:
+        col = texel_index(lookup.position[..., 0] + tap[0] * spacing)
+        row = texel_index(lookup.position[..., 1] + tap[1] * spacing)
+        (stored,) = read_texels(planes, col, row, lookup.border)
+        return step(state, stored, ~is_lit(stored, lookup.depth_at(col, row), lookup.bias)), None
+
+    return jax.lax.scan(one, start, taps)[0]
 
 
 def penumbra_width(receiver_depth: Numbers, blocker_depth: Numbers, light_size: float, parallel: bool) -> Numbers:
@@ -118,8 +135,13 @@ class ContactHardening(Filter):
         search = self._width(lookup, jnp.minimum(planes.nearest, lookup.depth))
         blocker, count = mean_blocker_depth(planes.depth, lookup, self.num_search_taps, search / self.num_search_taps)
         width = self._width(lookup, blocker)
-        value = percentage_closer(planes.depth, lookup, self.num_taps, width / self.num_taps)
-        return jnp.where(count == 0, jnp.ones_like(value), value)
+
+        def step(dark: Numbers, stored: Numbers, blocks: Bool[Array, "*points"]) -> Numbers:
+            return dark + blocks.astype(dark.dtype)
+
+        zeros = jnp.zeros_like(lookup.depth)
+        dark = _over_taps(planes.depth, lookup, self.num_taps, width / self.num_taps, step, zeros)
+        return jnp.where(count == 0, jnp.ones_like(dark), (self.num_taps**2 - dark) / self.num_taps**2)
 
     def _width(self, lookup: Lookup, blocker_depth: Numbers) -> Numbers:
         """Width of the penumbra in texels, at least one and at most `max_width`."""
