@@ -91,12 +91,13 @@ def chebyshev_visibility(mean: Numbers, variance: Numbers, depth: Numbers) -> Nu
 
 
 def _chebyshev(mean: Numbers, variance: Numbers, depth: Numbers) -> Numbers:
-    beyond = depth - mean
-    behind = beyond > 0
-    # Receivers in front get a denominator of 1 before they are set to 1, so that no gradient divides 0 by 0.
-    total = jnp.where(behind, variance + beyond * beyond, jnp.ones_like(mean))
+    behind = depth > mean
+    # Receivers in front get harmless numbers before they are set to 1, so that no gradient multiplies 0 by infinity.
+    beyond = jnp.where(behind, depth - mean, jnp.ones_like(mean))
+    spread = jnp.where(behind, variance, jnp.zeros_like(mean))
+    total = spread + beyond * beyond
     lost = total == 0  # a distance so small that its square is 0
-    bound = variance / jnp.where(lost, jnp.ones_like(mean), total)
+    bound = spread / jnp.where(lost, jnp.ones_like(mean), total)
     return jnp.where(behind & ~lost, bound, jnp.ones_like(mean))
 
 
