@@ -36,7 +36,7 @@ def test_borders_of_a_blur():
 
 @pytest.mark.parametrize("make", [gaussian_weights, box_weights])
 def test_even_kernels_are_refused(make):
-    with pytest.raises(ValueError, match="odd size.*got 4, use 5"):
+    with pytest.raises(ValueError, match=r"odd size.*got 4, use 5"):
         make(4)
 
 
