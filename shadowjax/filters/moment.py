@@ -100,17 +100,19 @@ class _Central(eqx.Module):
         rest = jnp.maximum(fourth - third * skew - variance * variance, few * variance)
         return cls(b1, variance, skew, rest)
 
-    def weight(self, x: Numbers) -> Numbers:
-        """1/K(x, x): weight of a point of the attaining distribution; 0 at infinity."""
+    def kernel(self, x: Numbers) -> Numbers:
+        """K(x, x) ≥ 1, the inverse weight of a point of the attaining distribution."""
         second = x * x - self.skew * x - self.variance
-        return 1 / (1 + x * x / self.variance + second * second / self.rest)
+        return 1 + x * x / self.variance + second * second / self.rest
 
     def share_before(self, t: Numbers, low: Numbers, high: Numbers) -> Numbers:
         """Weight of the two partners of t that lie before it."""
-        low_weight, high_weight, weight = self.weight(low), self.weight(high), self.weight(t)
-        # They add up to 1. Where rounding has left few digits of h₂, one of them is off and the sum tells.
-        before = jnp.where(t > low, low_weight, 0.0) + jnp.where(t > high, high_weight, 0.0)
-        return before / (low_weight + high_weight + weight)
+        low_kernel, high_kernel, kernel = self.kernel(low), self.kernel(high), self.kernel(t)
+        # Weights 1/K add up to 1. Where rounding has left few digits of h₂, one of them is off and the sum tells. With
+        # all three multiplied by the product of the K, one division remains.
+        weights = (high_kernel * kernel, low_kernel * kernel, low_kernel * high_kernel)
+        before = jnp.where(t > low, weights[0], 0.0) + jnp.where(t > high, weights[1], 0.0)
+        return before / (weights[0] + weights[1] + weights[2])
 
     def partners(self, t: Numbers) -> tuple[Numbers, Numbers]:
         """The other two points, in order: roots of K(x, t) in x. One runs to infinity where p₂(t) is 0."""
