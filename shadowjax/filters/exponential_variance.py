@@ -59,7 +59,8 @@ def warped_bound(values: Values, depth: Numbers, exponent: float, min_variance: 
     behind = receiver > mean
     unit = jnp.abs(receiver)
     variance = jnp.maximum(jnp.where(behind, square - mean * mean, least), least)
-    return _chebyshev(jnp.where(behind, mean, receiver) / unit, variance / unit / unit, receiver / unit)
+    bound = _chebyshev(jnp.where(behind, mean, receiver) / unit, variance / unit / unit, receiver / unit)
+    return jnp.where(behind, bound, jnp.ones_like(bound))
 
 
 class ExponentialVariance(Encoded):

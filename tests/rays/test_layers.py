@@ -32,7 +32,7 @@ def test_layers_of_a_box(layers):
     """Behind the box's top or side comes its far side; behind the floor nothing; midpoints lie halfway."""
     grid, maps = layers
     first, second, back, middle = (np.asarray(maps[name].depth) for name in ("first", "second", "back", "midpoint"))
-    on_box = np.asarray(maps["first"].face) < 12
+    on_box = (np.asarray(maps["first"].face) >= 0) & (np.asarray(maps["first"].face) < 12)
     assert 20 < on_box.sum() < 200
     assert np.all(second[on_box] > first[on_box])
     np.testing.assert_array_equal(np.asarray(maps["second"].face)[on_box] < 12, True)
