@@ -19,8 +19,9 @@ def surface_slopes(
 ) -> tuple[Float[Array, "rows cols"], Float[Array, "rows cols"]]:
     """Depth change over one texel along columns and along rows, of the surface seen at each texel.
 
-    Of the differences to both neighbours the smaller one, 0 where their signs differ. So the slope is exact on a plane
-    up to its silhouette, and a jump between surfaces does not count as one.
+    The mean of the differences to both neighbours where they agree to a factor of two; else the smaller one, or 0 where
+    their signs differ. So the slope is exact on a plane up to its silhouette, has a derivative there, and a jump
+    between surfaces does not count.
 
     Args:
         depth: Depth map.
@@ -32,8 +33,11 @@ def surface_slopes(
         # Beyond the edge of the map the last difference goes on.
         first, last = (jnp.take(step, jnp.asarray([i], jnp.int32), axis=axis) for i in (0, step.shape[axis] - 1))
         before, after = jnp.concatenate([first, step], axis=axis), jnp.concatenate([step, last], axis=axis)
-        smaller = jnp.where(jnp.abs(before) <= jnp.abs(after), before, after)
-        slope = jnp.where(before * after > 0, smaller, jnp.zeros_like(smaller))
+        sizes = jnp.abs(before), jnp.abs(after)
+        smaller = jnp.where(sizes[0] <= sizes[1], before, after)
+        agree = jnp.maximum(*sizes) <= 2 * jnp.minimum(*sizes)
+        one_sided = jnp.where(agree, 0.5 * (before + after), smaller)
+        slope = jnp.where(before * after > 0, one_sided, jnp.zeros_like(smaller))
         return slope if limit is None else jnp.clip(slope, -limit, limit)
 
     def flat() -> Array:
