@@ -1,10 +1,12 @@
 """What a filter is: it prepares a depth map once, then turns receiver depths into visibility."""
 
 from abc import abstractmethod
+from typing import Any
 
 import equinox as eqx
 
-from shadowjax._types import Array, Float
+from shadowjax._types import Array, Float, Int
+from shadowjax.maps.shadow_map import ShadowMap
 
 
 class Lookup(eqx.Module):
@@ -16,6 +18,11 @@ class Lookup(eqx.Module):
         bias: Depth the test forgives, world units: lit where depth − bias ≤ stored depth.
         texel_size: World size of a texel at the receiver.
         border: What lies outside the map (`maps.sampling.BORDERS`).
+        footprint: Change of (x, y), in texels, over one pixel along the image's columns (first) and rows; None if the
+            image is unknown. `footprint[..., i, j]` is the change of coordinate i for a step along image axis j.
+        parallel: Whether the light's rays are parallel; else they start in one point.
+        gradient: Change of the receiver's own plane in depth over one texel along x and along y, world units, where
+            each tap is tested against that plane; None tests every tap against `depth`.
     """
 
     position: Float[Array, "*points 2"]
@@ -23,17 +30,32 @@ class Lookup(eqx.Module):
     bias: Float[Array, "*#points"]
     texel_size: Float[Array, "*#points"]
     border: str = eqx.field(static=True, default="lit")
+    footprint: Float[Array, "*points 2 2"] | None = None
+    parallel: bool = eqx.field(static=True, default=True)
+    gradient: Float[Array, "*points 2"] | None = None
+
+    def depth_at(self, col: Int[Array, "*points"], row: Int[Array, "*points"]) -> Float[Array, "*points"]:
+        """Depth that a texel is tested against: the receiver's, or its plane's at the texel's centre."""
+        if self.gradient is None:
+            return self.depth
+        x = col.astype(self.depth.dtype) + 0.5 - self.position[..., 0]
+        y = row.astype(self.depth.dtype) + 0.5 - self.position[..., 1]
+        return self.depth + self.gradient[..., 0] * x + self.gradient[..., 1] * y
 
 
 class Filter(eqx.Module):
     """Turns depths into visibility."""
 
     @abstractmethod
-    def prepare(self, depth: Float[Array, "rows cols"]) -> Float[Array, "n rows cols"]:
-        """The planes that lookups read, made once for each map."""
+    def prepare(self, depth: Float[Array, "rows cols"]) -> Any:
+        """The planes that lookups read, made once for each map: one array (n, rows, cols), or what holds several."""
+
+    def prepare_map(self, shadow_map: ShadowMap) -> Any:
+        """The planes of a cast map; filters that need its depth range or its border know them from here."""
+        return self.prepare(shadow_map.depth)
 
     @abstractmethod
-    def visibility(self, planes: Float[Array, "n rows cols"], lookup: Lookup) -> Float[Array, "*points"]:
+    def visibility(self, planes: Any, lookup: Lookup) -> Float[Array, "*points"]:
         """Visibility in [0, 1] of every receiver: 1 lit, 0 in shadow."""
 
     @property
@@ -54,7 +76,25 @@ class Filter(eqx.Module):
     @property
     @abstractmethod
     def reach(self) -> float:
-        """How far from the receiver's position the depths it reads were sampled, in texels along an axis.
+        """How far from the receiver's position the depths it reads were sampled, in texels along an axis."""
 
-        A plane receiver needs a slope bias of just this many texels to be free of acne.
-        """
+    @property
+    def bias_reach(self) -> float:
+        """Slope bias, in texels, that frees a plane of acne: the reach for filters that compare depths."""
+        return self.reach
+
+    @property
+    def compares(self) -> bool:
+        """Whether visibility is a mean of depth comparisons, so exact away from shadow edges and without gradient in
+        stored depths; else it is reconstructed from a smooth encoding of depth."""
+        return True
+
+    @property
+    def follows_plane(self) -> bool:
+        """Whether lookups must know the receiver's own plane (`Lookup.gradient`) whatever the bias."""
+        return False
+
+    @property
+    def cast_factor(self) -> int:
+        """Rays cast for each texel along an axis: 1, or more for filters that keep several samples a texel."""
+        return 1

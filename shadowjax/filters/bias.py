@@ -1,5 +1,7 @@
 """Bias with a meaning: how much depth the shadow test forgives, in world units, texels or texels of slope."""
 
+from abc import abstractmethod
+
 import equinox as eqx
 import jax.numpy as jnp
 
@@ -14,7 +16,35 @@ UNITS = ("world", "texel", "slope")
 MAX_SLOPE = 16.0
 
 
-class Bias(eqx.Module):
+class Forgiven(eqx.Module):
+    """What a bias does to receivers before they are tested.
+
+    Attributes:
+        points: Where the map is read; the receivers themselves unless they are offset.
+        depth: Depth forgiven, world units.
+        follows_plane: Whether every tap is tested against the receiver's own plane instead of its depth.
+    """
+
+    points: Points
+    depth: Float[Array, "*points"]
+    follows_plane: bool = eqx.field(static=True, default=False)
+
+
+class BiasRule(eqx.Module):
+    """A way to keep surfaces from shadowing themselves; it belongs to the test, never to the stored depth."""
+
+    @abstractmethod
+    def forgive(self, grid: RayGrid, points: Points, normals: Points) -> Forgiven:
+        """What is forgiven at each receiver.
+
+        Args:
+            grid: The light rays of the map.
+            points: Receivers.
+            normals: Their unit normals.
+        """
+
+
+class Bias(BiasRule):
     """Depth that the shadow test forgives; it belongs to the test, never to the stored depth.
 
     Attributes:
@@ -52,11 +82,41 @@ class Bias(eqx.Module):
             return value * texel_size(grid, points)
         return value * depth_slope(grid, points, normals)
 
+    def forgive(self, grid: RayGrid, points: Points, normals: Points) -> Forgiven:
+        """The receivers where they are, and `in_world`."""
+        return Forgiven(points, self.in_world(grid, points, normals))
+
 
 def texel_size(grid: RayGrid, points: Points) -> Float[Array, "*points"]:
     """World length of the longer side of the texel that each point falls into, across the light ray."""
     across, down = grid.cell_vectors(points)
     return jnp.maximum(norm(across), norm(down))
+
+
+def plane_gradient(
+    grid: RayGrid, points: Points, normals: Points, limit: float = MAX_SLOPE
+) -> Float[Array, "*points 2"]:
+    """Depth change of the receiver's plane over one texel along x and along y of the map, signed, world units.
+
+    Moving by one cell shifts a point by c at constant depth; staying on the plane with normal n then takes
+    δ = −n·c / n·d along the light direction d.
+
+    Args:
+        grid: The light rays of the map.
+        points: Receivers.
+        normals: Their unit normals.
+        limit: Largest change along an axis, texels; 16 is an incidence of 86°.
+
+    Returns:
+        Finite numbers, also where the surface is parallel to the light.
+    """
+    cells = grid.cell_vectors(points)
+    cosine = dot(normals, grid.space.to_source(points))
+    least = jnp.finfo(points.dtype).eps
+    safe = jnp.where(jnp.abs(cosine) < least, least, cosine)
+    largest = limit * jnp.maximum(norm(cells[0]), norm(cells[1]))
+    changes = [jnp.clip(dot(normals, cell) / safe, -largest, largest) for cell in cells]
+    return jnp.stack(changes, axis=-1)
 
 
 def depth_slope(grid: RayGrid, points: Points, normals: Points) -> Float[Array, "*points"]:

@@ -2,7 +2,7 @@
 
 from shadowjax._types import Array, Bool, Float
 from shadowjax.filters.base import Filter, Lookup
-from shadowjax.maps.sampling import read_nearest
+from shadowjax.maps.sampling import read_texels, texel_index
 
 
 def is_lit(
@@ -31,8 +31,9 @@ class Hard(Filter):
 
     def visibility(self, planes: Float[Array, "n rows cols"], lookup: Lookup) -> Float[Array, "*points"]:
         """0 or 1."""
-        stored = read_nearest(planes, lookup.position, lookup.border)[0]
-        return is_lit(stored, lookup.depth, lookup.bias).astype(planes.dtype)
+        col, row = texel_index(lookup.position[..., 0]), texel_index(lookup.position[..., 1])
+        stored = read_texels(planes, col, row, lookup.border)[0]
+        return is_lit(stored, lookup.depth_at(col, row), lookup.bias).astype(planes.dtype)
 
     @property
     def num_planes(self) -> int:

@@ -45,8 +45,9 @@ def percentage_closer(
     count = jnp.zeros(lookup.depth.shape, planes.dtype)
     for row in rows:
         for col in cols:
+            receiver = lookup.depth_at(col, row)
             for stored in read_texels(planes, col, row, lookup.border):
-                count = count + is_lit(stored, lookup.depth, lookup.bias).astype(planes.dtype)
+                count = count + is_lit(stored, receiver, lookup.bias).astype(planes.dtype)
     # Counting in whole numbers and dividing once keeps "all lit" exactly 1 (adding 1/18 eighteen times does not).
     return count / (num_planes * kernel_size**2)
 
@@ -81,7 +82,8 @@ def bilinear_percentage_closer(
         line = []
         for d_col in range(kernel_size + 1):
             stored = read_texels(planes, col + d_col, row + d_row, lookup.border)
-            lit = [is_lit(depth, lookup.depth, lookup.bias).astype(planes.dtype) for depth in stored]
+            receiver = lookup.depth_at(col + d_col, row + d_row)
+            lit = [is_lit(depth, receiver, lookup.bias).astype(planes.dtype) for depth in stored]
             line.append(sum(lit[1:], lit[0]))
         lines.append(blend(line, right))
     return blend(lines, down) / (num_planes * kernel_size**2)

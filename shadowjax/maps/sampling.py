@@ -1,9 +1,11 @@
 """Reading maps: nearest and bilinear, with explicit behaviour outside the map."""
 
+from collections.abc import Callable
+
 import jax.numpy as jnp
 
 from shadowjax._checks import require_choice
-from shadowjax._types import Array, Float, Int
+from shadowjax._types import Array, Bool, Float, Int
 from shadowjax.rays.ray import far_away
 
 BORDERS = ("lit", "clamp", "octahedral")
@@ -34,7 +36,7 @@ def read_texels(
     num_rows, num_cols = planes.shape[-2:]
     outside = (col < 0) | (col >= num_cols) | (row < 0) | (row >= num_rows)
     if border == "octahedral":
-        col, row = _fold(col, row, num_cols, num_rows)
+        col, row = fold(col, row, num_cols, num_rows)
     flat = jnp.clip(row, 0, num_rows - 1) * num_cols + jnp.clip(col, 0, num_cols - 1)
     values = [plane.reshape(-1)[flat] for plane in planes]
     if border == "lit":
@@ -42,7 +44,7 @@ def read_texels(
     return values
 
 
-def _fold(col: Array, row: Array, num_cols: int, num_rows: int) -> tuple[Array, Array]:
+def fold(col: Array, row: Array, num_cols: int | Array, num_rows: int | Array) -> tuple[Array, Array]:
     """Texel inside an octahedral map that continues a texel just outside: beyond an edge the square is turned over."""
     over_side = (col < 0) | (col >= num_cols)
     row = jnp.where(over_side, num_rows - 1 - row, row)
@@ -96,10 +98,35 @@ def read_bilinear(
         position: (x, y) in texels, centres at +½.
         border: See `read_texels`; "clamp" by default, since a mean with the depth beyond everything has no meaning.
     """
+    return jnp.stack(read_bilinear_apart(planes, position, border))
+
+
+def read_bilinear_apart(
+    planes: Float[Array, "n rows cols"],
+    position: Float[Array, "*points 2"],
+    border: str = "clamp",
+    each: Callable[[Array], Array] | None = None,
+) -> list[Float[Array, "*points"]]:
+    """As `read_bilinear`, one array for each plane: nothing has to be copied together.
+
+    Args:
+        planes: Maps of one size.
+        position: (x, y) in texels, centres at +½.
+        border: See `read_texels`.
+        each: Applied to every texel read, before the mean; None for no change.
+    """
     col, row, right, down = bilinear_weights(position)
-    result = jnp.zeros((planes.shape[0], *position.shape[:-1]), planes.dtype)
+    results = [jnp.zeros(position.shape[:-1], planes.dtype) for _ in planes]
     for d_row, row_weight in ((0, 1 - down), (1, down)):
         for d_col, col_weight in ((0, 1 - right), (1, right)):
+            weight = row_weight * col_weight
             values = read_texels(planes, col + d_col, row + d_row, border)
-            result = result + jnp.stack(values) * (row_weight * col_weight)
-    return result
+            values = values if each is None else [each(value) for value in values]
+            results = [result + value * weight for result, value in zip(results, values, strict=True)]
+    return results
+
+
+def is_outside(position: Float[Array, "*points 2"], num_rows: int, num_cols: int) -> Bool[Array, "*points"]:
+    """Whether a position (in texels) lies beyond the map."""
+    x, y = position[..., 0], position[..., 1]
+    return (x < 0) | (x > num_cols) | (y < 0) | (y > num_rows)

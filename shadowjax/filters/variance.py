@@ -1,0 +1,179 @@
+"""Variance shadow maps: two moments of depth, and Chebyshev's bound on the share of depths beyond the receiver."""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from shadowjax._checks import require, require_value
+from shadowjax._types import Array, Float
+from shadowjax.filters.encoded import Encoded, Values
+from shadowjax.filters.prefilter import Prefilter
+
+# E[x²] along one axis of footprints of depth inside a texel, texels².
+FOOTPRINTS = {"point": 0.0, "texel": 1 / 12, "disc": 1 / 16, "tent": 1 / 6, "gaussian": 1 / 4}
+
+Numbers = Float[Array, "*points"]
+
+
+def surface_slopes(
+    depth: Float[Array, "rows cols"], limit: float | None = None
+) -> tuple[Float[Array, "rows cols"], Float[Array, "rows cols"]]:
+    """Depth change over one texel along columns and along rows, of the surface seen at each texel.
+
+    The mean of the differences to both neighbours where they agree to a factor of two; else the smaller one, or 0 where
+    their signs differ. So the slope is exact on a plane up to its silhouette, has a derivative there, and a jump
+    between surfaces does not count.
+
+    Args:
+        depth: Depth map.
+        limit: Largest magnitude; None for no limit. Surfaces parallel to the light have any slope.
+    """
+
+    def along(axis: int) -> Array:
+        step = jnp.diff(depth, axis=axis)
+        # Beyond the edge of the map the last difference goes on.
+        first, last = (jnp.take(step, jnp.asarray([i], jnp.int32), axis=axis) for i in (0, step.shape[axis] - 1))
+        before, after = jnp.concatenate([first, step], axis=axis), jnp.concatenate([step, last], axis=axis)
+        sizes = jnp.abs(before), jnp.abs(after)
+        smaller = jnp.where(sizes[0] <= sizes[1], before, after)
+        agree = jnp.maximum(*sizes) <= 2 * jnp.minimum(*sizes)
+        one_sided = jnp.where(agree, 0.5 * (before + after), smaller)
+        slope = jnp.where(before * after > 0, one_sided, jnp.zeros_like(smaller))
+        return slope if limit is None else jnp.clip(slope, -limit, limit)
+
+    def flat() -> Array:
+        return jnp.zeros_like(depth)
+
+    num_rows, num_cols = depth.shape
+    return (along(1) if num_cols > 1 else flat()), (along(0) if num_rows > 1 else flat())
+
+
+def depth_moments(
+    depth: Float[Array, "rows cols"], footprint: float = 0.25, slope_limit: float | None = None
+) -> Float[Array, "2 rows cols"]:
+    """First and second moment of depth inside each texel, for a surface that is flat there.
+
+    Args:
+        depth: Depth map.
+        footprint: E[x²] of the texel's footprint along one axis, texels²: ¼ (as printed) is a Gaussian with σ = ½, 1/12
+            the texel's own square, 0 a point. See `FOOTPRINTS`.
+        slope_limit: Largest slope that counts, depth per texel; None for no limit.
+
+    Returns:
+        M₁ = z and M₂ = z² + footprint·(z_x² + z_y²).
+
+    Source: filtering, eqs 2.3, 2.4 and 2.9.
+    """
+    square = depth * depth
+    if footprint:
+        across, down = surface_slopes(depth, slope_limit)
+        square = square + footprint * (across * across + down * down)
+    return jnp.stack([depth, square])
+
+
+def variance_of(mean: Numbers, square: Numbers, min_variance: float = 0.0) -> Numbers:
+    """σ² = M₂ − M₁², not less than `min_variance`: rounding can make it negative. Source: filtering, eqs 2.5, 2.6."""
+    return jnp.maximum(square - mean * mean, jnp.asarray(min_variance, mean.dtype))
+
+
+def chebyshev_visibility(mean: Numbers, variance: Numbers, depth: Numbers) -> Numbers:
+    """Upper bound on the share of depths at or beyond the receiver, from their mean and variance.
+
+    Args:
+        mean: M₁ at the receiver.
+        variance: σ² ≥ 0, in the square of the depths' unit.
+        depth: Receiver's depth, in the same unit.
+
+    Returns:
+        1 where depth ≤ mean, else σ²/(σ² + (depth − mean)²). Exact for two depths and a receiver at the farther one.
+
+    Raises:
+        ValueError: If a variance is negative.
+
+    Source: filtering, eqs 2.7 and 2.8 (one-sided Chebyshev); the bound holds for depth > mean only.
+    """
+    return _chebyshev(mean, require_value(variance, variance >= 0, "variance must not be negative"), depth)
+
+
+def _chebyshev(mean: Numbers, variance: Numbers, depth: Numbers) -> Numbers:
+    behind = depth > mean
+    # Receivers in front get harmless numbers before they are set to 1, so that no gradient multiplies 0 by infinity.
+    beyond = jnp.where(behind, depth - mean, jnp.ones_like(mean))
+    spread = jnp.where(behind, variance, jnp.zeros_like(mean))
+    total = spread + beyond * beyond
+    lost = total == 0  # a distance so small that its square is 0
+    bound = spread / jnp.where(lost, jnp.ones_like(mean), total)
+    return jnp.where(behind & ~lost, bound, jnp.ones_like(mean))
+
+
+def linear_step(value: Numbers, low: float = 0.0, high: float = 1.0) -> Numbers:
+    """(value − low)/(high − low), clamped to [0, 1]: darkens what bleeds through and rescales the rest.
+
+    Args:
+        value: A bound on visibility.
+        low: Becomes 0, in [0, 1).
+        high: Becomes 1, in (low, 1].
+
+    Raises:
+        ValueError: If not 0 ≤ low < high ≤ 1.
+
+    Source: filtering, Algorithm 2.
+    """
+    check_step(low, high)
+    return jnp.clip((value - low) / (high - low), 0.0, 1.0)
+
+
+def check_step(low: float, high: float) -> None:
+    """Complain unless 0 ≤ low < high ≤ 1."""
+    require(0 <= low < high <= 1, f"light bleeding is cut between 0 ≤ low < high ≤ 1; got low {low} and high {high}")
+
+
+def check_spread(min_variance: float, footprint: float, slope_limit: float) -> None:
+    """Complain about a negative least variance, footprint or limit of slopes."""
+    require(min_variance >= 0, f"min_variance must not be negative; got {min_variance}")
+    require(footprint >= 0, f"footprint is a mean square, ≥ 0; got {footprint}")
+    require(slope_limit >= 0, f"slope_limit must not be negative; got {slope_limit}")
+
+
+class Variance(Encoded):
+    """Variance shadow maps. Depths are parts of the map's range, [0, 1].
+
+    Attributes:
+        prefilter: How moments are averaged.
+        min_variance: Least variance, in squares of the range: what rounding cannot be told from. It keeps flat surfaces
+            lit; larger values soften contact.
+        bleed_low: Bound that becomes 0, in [0, 1): the cure for light bleeding, which also darkens soft edges.
+        bleed_high: Bound that becomes 1.
+        footprint: E[x²] of a texel's footprint, texels² (see `depth_moments`).
+        slope_limit: Largest slope that counts in it, parts of the range per texel.
+    """
+
+    prefilter: Prefilter = Prefilter()
+    min_variance: float = eqx.field(static=True, default=1e-6)
+    bleed_low: float = eqx.field(static=True, default=0.0)
+    bleed_high: float = eqx.field(static=True, default=1.0)
+    footprint: float = eqx.field(static=True, default=0.25)
+    slope_limit: float = eqx.field(static=True, default=0.05)
+
+    def __check_init__(self):
+        check_spread(self.min_variance, self.footprint, self.slope_limit)
+        check_step(self.bleed_low, self.bleed_high)
+
+    def encode(self, depth: Float[Array, "rows cols"]) -> Float[Array, "n rows cols"]:
+        """Two moments."""
+        return depth_moments(depth, self.footprint, self.slope_limit)
+
+    def decode(self, values: Values, depth: Numbers) -> Numbers:
+        """Chebyshev's bound, its low end cut."""
+        mean, square = values
+        bound = _chebyshev(mean, variance_of(mean, square, self.min_variance), depth)
+        return linear_step(bound, self.bleed_low, self.bleed_high)
+
+    @property
+    def num_planes(self) -> int:
+        """Two moments."""
+        return 2
+
+    @property
+    def bias_reach(self) -> float:
+        """The mean of a plane is its depth at the receiver; half a texel covers how a map bends it."""
+        return 0.5

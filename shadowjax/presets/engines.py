@@ -1,0 +1,241 @@
+"""The presets: Filament, Godot 4, three.js, bgfx, DiligentFX, MJP's sample and bevy, as their code states them."""
+
+from collections.abc import Callable
+
+from shadowjax.filters.base import Filter
+from shadowjax.filters.bias import Bias, BiasRule
+from shadowjax.filters.bias_kinds import BiasSum, BufferBias, NormalOffset, ReceiverPlane
+from shadowjax.filters.exponential import Exponential
+from shadowjax.filters.exponential_variance import ExponentialVariance
+from shadowjax.filters.moment import Moments
+from shadowjax.filters.pcf import BilinearPercentageCloser, PercentageCloser
+from shadowjax.filters.variance import Variance
+from shadowjax.partitions.base import Partition
+from shadowjax.partitions.whole import Whole
+from shadowjax.partitions.z_split import ZSplit
+from shadowjax.presets.base import Parameter, Preset
+from shadowjax.rays.caster import Caster
+from shadowjax.techniques import ShadowMapping, Technique
+from shadowjax.warps.fit import PerspectiveFit
+from shadowjax.warps.uniform import UniformFit
+
+NO_LOOKUP_BLEND = "blending between cascades"
+FIXED_SPLITS = "fixed shares of a shadow distance: built with depth splits of the nearest rule"
+SNAPPING = "maps that snap to texels as the camera moves"
+HALF_PRECISION = "16-bit storage: maps here have the scene's own dtype"
+
+
+def _maker(filter_: Filter, bias: BiasRule, partition: Partition | None = None) -> Callable[[int, Caster], Technique]:
+    def make(resolution: int, caster: Caster) -> Technique:
+        return ShadowMapping(filter_, resolution, Whole() if partition is None else partition, caster, bias)
+
+    return make
+
+
+def _cascades(count: int, weight: float | None = None) -> ZSplit:
+    """Slices under even maps: practical with weight λ, or logarithmic."""
+    if weight is None:
+        return ZSplit(count, "logarithmic", warp=UniformFit())
+    return ZSplit(count, "practical", weight, warp=UniformFit())
+
+
+_CONSTANT, _NORMAL = "constant bias", "normal bias"
+
+FILAMENT_PARAMETERS = (
+    Parameter("map size", 1024, "texels"),
+    Parameter(_CONSTANT, 0.001, "world units", here="Bias in world units"),
+    Parameter(_NORMAL, 1.0, "texels along the normal", here="NormalOffset, multiplied by the sine of incidence"),
+    Parameter("polygon offset slope", 2.0, "", here="hardware's offset of the stored depth; not applied"),
+    Parameter("cascades", 1, "", here="one map"),
+    Parameter("warp", "LiSPSM", "", here="PerspectiveFit with the rule lispsm"),
+    Parameter("near hint", 1.0, "world units", here="not used: depths are cut to what is seen"),
+    Parameter("far hint", 100.0, "world units", here="not used: depths are cut to what is seen"),
+)
+_FILAMENT_BIAS = BiasSum((Bias.create(0.001, "world"), NormalOffset.create(1.0)))
+
+ALL: tuple[Preset, ...] = (
+    Preset(
+        "filament", "Filament", "one LiSPSM map, 3 × 3 texels with smooth weights, normal bias",
+        (*FILAMENT_PARAMETERS, Parameter("filter", "3 × 3 texels", "", here="two bilinear taps along an axis")),
+        ("hardware polygon offset of the stored depth", "a choice of warp by light and view angle", SNAPPING),
+        _maker(BilinearPercentageCloser(2), _FILAMENT_BIAS, Whole(PerspectiveFit("lispsm"))), 1024,
+    ),
+    Preset(
+        "filament-evsm2", "Filament", "exponential variance map with one exponent that half precision can hold",
+        (
+            *FILAMENT_PARAMETERS[:3],
+            Parameter("exponent", 5.54, "of the range", here="positive exponent on depths in [−1, 1]"),
+            Parameter("minimum variance scale", 0.5, "", here="no counterpart: least variance is 10⁻⁶ of the range²"),
+            Parameter("light bleed reduction", 0.15, "", here="low end of the clamp"),
+        ),
+        (HALF_PRECISION, "a least variance that grows with depth", SNAPPING),
+        _maker(ExponentialVariance(5.54, None, bleed_low=0.15), _FILAMENT_BIAS), 1024,
+    ),
+    Preset(
+        "godot-4", "Godot 4", "four cascades, PCF, constant and normal bias",
+        (
+            Parameter("map size", 4096, "texels", verified=False, here="divided among the cascades there"),
+            Parameter(_CONSTANT, 0.1, "", verified=False, here="left out: its unit is not certain"),
+            Parameter(_NORMAL, 2.0, "texels along the normal", here="NormalOffset"),
+            Parameter("cascades", 4, "", here="four slices"),
+            Parameter("splits", (0.1, 0.2, 0.5), "of the range", here="practical splits with λ = 0.5"),
+            Parameter("shadow distance", 100.0, "world units", here="not used: depths are cut to what is seen"),
+            Parameter("fade start", 0.8, "of the range", here="no counterpart"),
+            Parameter("pancake size", 20.0, "world units", here="not needed: no caster is clipped"),
+        ),
+        (FIXED_SPLITS, "fading out with distance", NO_LOOKUP_BLEND, "rotated sampling discs"),
+        _maker(PercentageCloser(3), NormalOffset.create(2.0), _cascades(4, 0.5)), 2048,
+    ),
+    Preset(
+        "three-js", "three.js", "one map of 512², soft PCF, no bias by default",
+        (
+            Parameter("map size", 512, "texels"),
+            Parameter(_CONSTANT, 0.0, "NDC", here="Bias of 0: expect acne"),
+            Parameter(_NORMAL, 0.0, "world units", here="none"),
+        ),
+        (),
+        _maker(BilinearPercentageCloser(3), Bias.create(0.0, "world")), 512,
+    ),
+    Preset(
+        "three-js-vsm", "three.js", "variance map that stores mean and standard deviation",
+        (
+            Parameter("map size", 512, "texels"),
+            Parameter("light bleed clamp low", 0.3, "", here="low end of the clamp"),
+            Parameter("light bleed clamp high", 0.95, "", here="high end of the clamp"),
+            Parameter("least variance", 0.0, "", here="10⁻⁶ of the range², what rounding needs"),
+        ),
+        ("filtering of the standard deviation instead of the second moment, which is not linear",),
+        _maker(Variance(bleed_low=0.3, bleed_high=0.95), Bias.create(0.5, "slope")), 512,
+    ),
+    Preset(
+        "three-js-csm", "three.js", "the cascades addon: three slices, practical splits",
+        (
+            Parameter("cascades", 3, "", here="three slices"),
+            Parameter("split weight", 0.5, "", here="λ; the addon misplaces its first split, this does not"),
+            Parameter(_CONSTANT, 1e-6, "NDC", here="BufferBias over a linear buffer up to the farthest depth"),
+            Parameter("light margin", 200.0, "world units", here="not needed: no caster is clipped"),
+        ),
+        ("fading between slices",),
+        _maker(PercentageCloser(3), BufferBias.create(1e-6), _cascades(3, 0.5)), 1024,
+    ),
+    Preset(
+        "bgfx-pcf", "bgfx example 16", "four cascades with practical splits, PCF",
+        (
+            Parameter("map size", 2048, "texels"),
+            Parameter("cascades", 4, "", here="four slices"),
+            Parameter("split weight", 0.6, "", here="λ"),
+            Parameter(_CONSTANT, (0.001, 0.055), "NDC", here="the least of its table, 0.001"),
+            Parameter(_NORMAL, 0.001, "world units", here="NormalOffset"),
+        ),
+        ("a table of biases tuned by hand for lights, encodings and filters, from 0.001 to 0.055",),
+        _maker(
+            PercentageCloser(4),
+            BiasSum((BufferBias.create(0.001), NormalOffset.create(0.001, "world", by_sine=False))), _cascades(4, 0.6),
+        ), 2048,
+    ),
+    Preset(
+        "bgfx-vsm", "bgfx example 16", "variance map with a large least variance",
+        (
+            Parameter("map size", 2048, "texels"),
+            Parameter("least variance", 0.02, "", here="of the range²"),
+            Parameter("depth multiplier", (300.0,), "", here="not applied: there it makes the variance negative"),
+        ),
+        (),
+        _maker(Variance(min_variance=0.02), Bias.create(0.5, "slope")), 2048,
+    ),
+    Preset(
+        "bgfx-esm", "bgfx example 16", "exponential map with a very steep exponent",
+        (
+            Parameter("map size", 2048, "texels"),
+            Parameter("exponent", (2500.0, 9500.0), "per unit of depth", here="80 of the range: theirs overflows"),
+        ),
+        ("exponents that are applied to differences only",),
+        _maker(Exponential(80.0), Bias.create(0.5, "slope")), 2048,
+    ),
+    Preset(
+        "diligent-fx-pcf", "DiligentFX", "logarithmic cascades, PCF, receiver-plane bias",
+        (
+            Parameter("cascades", 4, "", verified=False, here="the user chooses, up to 8"),
+            Parameter("split weight", 0.95, "", here="λ"),
+            Parameter(_CONSTANT, 1e-5, "NDC", here="BufferBias"),
+            Parameter("receiver-plane clamp", 10.0, "", here="ReceiverPlane, whose own limit is 16 texels of depth"),
+            Parameter("blend", 0.1, "of the range", here="no counterpart"),
+        ),
+        (NO_LOOKUP_BLEND, "a search for the best cascade"),
+        _maker(PercentageCloser(3), BiasSum((BufferBias.create(1e-5), ReceiverPlane.create())), _cascades(4, 0.95)),
+        1024,
+    ),
+    Preset(
+        "diligent-fx-evsm4", "DiligentFX", "four exponential moments under logarithmic cascades",
+        (
+            Parameter("positive exponent", 40.0, "of the range"),
+            Parameter("negative exponent", 5.0, "of the range"),
+            Parameter("variance bias", 1e-4, "", here="no counterpart: least variance is 10⁻⁶ of the range²"),
+            Parameter("light bleed reduction", 0.0, ""),
+            Parameter("split weight", 0.95, "", here="λ"),
+        ),
+        (NO_LOOKUP_BLEND, "a least variance that grows with the warp's slope"),
+        _maker(ExponentialVariance(40.0, 5.0), Bias.create(1.0, "slope"), _cascades(4, 0.95)), 1024,
+    ),
+    Preset(
+        "mjp-pcf", "MJP's shadow sample", "four cascades, PCF 7 × 7 that follows the receiver's plane",
+        (
+            Parameter("map size", 2048, "texels"),
+            Parameter("cascades", 4, ""),
+            Parameter("splits", (0.05, 0.15, 0.5, 1.0), "of the range", here="logarithmic, its λ = 1 setting"),
+            Parameter(_CONSTANT, 0.005, "NDC", here="BufferBias"),
+            Parameter(_NORMAL, 0.0, "texels along the normal"),
+            Parameter("receiver-plane bias", "on", "", here="ReceiverPlane"),
+            Parameter("kernel", 7, "texels", verified=False, here="sizes from 2 to 9 can be chosen there"),
+            Parameter("blend", 0.1, "of the range", here="no counterpart"),
+        ),
+        (FIXED_SPLITS, NO_LOOKUP_BLEND, SNAPPING),
+        _maker(PercentageCloser(7), BiasSum((BufferBias.create(0.005), ReceiverPlane.create())), _cascades(4)), 2048,
+    ),
+    Preset(
+        "mjp-evsm4", "MJP's shadow sample", "four exponential moments",
+        (
+            Parameter("positive exponent", 40.0, "of the range"),
+            Parameter("negative exponent", 5.0, "of the range"),
+            Parameter("variance bias", 1e-4, "", here="no counterpart: least variance is 10⁻⁶ of the range²"),
+            Parameter("light bleed reduction", 0.0, ""),
+        ),
+        (NO_LOOKUP_BLEND, SNAPPING),
+        _maker(ExponentialVariance(40.0, 5.0), Bias.create(1.0, "slope"), _cascades(4)), 2048,
+    ),
+    Preset(
+        "mjp-msm-hamburger", "MJP's shadow sample", "four moments of depth, Hamburger's bound",
+        (
+            Parameter("moment bias", 3e-6, "", here="share of the points ±1 mixed in"),
+            Parameter("depth bias", 0.0, "", here="slope bias of one texel: zero shows acne here"),
+        ),
+        ("16-bit storage with a matrix that spreads the moments",),
+        _maker(Moments("hamburger", 3e-6), Bias.create(1.0, "slope"), _cascades(4)), 2048,
+    ),
+    Preset(
+        "mjp-msm-hausdorff", "MJP's shadow sample", "four moments of depth, Hausdorff's bound",
+        (
+            Parameter("moment bias", 3e-6, "", here="share of the points ±1 mixed in"),
+            Parameter("depth bias", 0.0, "", here="slope bias of one texel: zero shows acne here"),
+        ),
+        ("16-bit storage with a matrix that spreads the moments",),
+        _maker(Moments("hausdorff", 3e-6), Bias.create(1.0, "slope"), _cascades(4)), 2048,
+    ),
+    Preset(
+        "bevy", "bevy", "four cascades, constant bias in metres, normal bias of 1.8 texels",
+        (
+            Parameter("map size", 2048, "texels", verified=False),
+            Parameter(_CONSTANT, 0.02, "world units", here="Bias"),
+            Parameter(_NORMAL, 1.8, "texels along the normal", here="NormalOffset"),
+            Parameter("cascades", 4, ""),
+            Parameter("first cascade far", 10.0, "world units", here="logarithmic splits of what is seen"),
+            Parameter("shadow distance", 150.0, "world units", here="not used: depths are cut to what is seen"),
+            Parameter("overlap", 0.2, "of the range", here="no counterpart"),
+        ),
+        (NO_LOOKUP_BLEND, FIXED_SPLITS),
+        _maker(PercentageCloser(3), BiasSum((Bias.create(0.02, "world"), NormalOffset.create(1.8))), _cascades(4)),
+        2048,
+    ),
+)  # fmt: skip
+
+__all__ = ["ALL"]
