@@ -9,6 +9,12 @@ from experiments import (
     mdsm_fig_5_3,
     mdsm_fig_5_4,
     mdsm_figs_4_7_to_4_11,
+    warping_fig_19,
+    warping_fig_20,
+    warping_fig_22,
+    warping_fig_23,
+    warping_fig_26,
+    warping_partitions_needed,
 )
 from experiments.base import Claim, Experiment, Outcome, Unsuitable, perform
 from experiments.settings import default_path, read_config
@@ -20,6 +26,12 @@ EXPERIMENTS: dict[str, Experiment] = {
     "mdsm_fig_5_3": mdsm_fig_5_3,
     "mdsm_fig_5_4": mdsm_fig_5_4,
     "mdsm_cost_5_6_to_5_8": mdsm_cost_5_6_to_5_8,
+    "warping_fig_19": warping_fig_19,
+    "warping_fig_20": warping_fig_20,
+    "warping_fig_22": warping_fig_22,
+    "warping_fig_23": warping_fig_23,
+    "warping_fig_26": warping_fig_26,
+    "warping_partitions_needed": warping_partitions_needed,
 }
 
 
