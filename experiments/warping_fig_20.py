@@ -162,9 +162,9 @@ def draw(result: Result) -> Figure:
         spot.plot(result.measured_etas, result.measured[name] / least, MARKERS[index], color=color, markersize=4.5)
     spot.set_yscale("log")
     for x, text, align, top in (
-        (-1.0, "uniform", "right", 0.6),
+        (-1.0, "uniform", "right", 0.4),
         (0.0, "LiSPSM", "left", 0.98),
-        (1.0, "PSM", "left", 0.5),
+        (1.0, "PSM", "left", 0.72),
     ):
         mark_x(spot, x, text, align, top)
     label(spot, "η", "value over the least value", "Storage is flat from LiSPSM to PSM")

@@ -123,10 +123,10 @@ def claims(result: Result) -> tuple[Claim, ...]:
     at = float(result.measured_ratios[-1])
     gain = result.measured_warped[0, -1] / result.measured_warped[:, -1]
     return (
-        agrees("with a warp: summed M_x·M_z of the slices are eq. 51", result.measured_warped, result.expected[0], 1e-8),
-        agrees("without: the same", result.measured_uniform, result.expected[1], 1e-6),
+        agrees("with a warp: M_x·M_z summed over slices is eq. 51", result.measured_warped, result.expected[0], 1e-8),
+        agrees("and without", result.measured_uniform, result.expected[1], 1e-6),
         all_true("more slices always need less storage, with a warp", np.diff(result.warped, axis=0) < 0, "pairs"),
-        all_true("and without", np.diff(result.uniform, axis=0) < 0, "pairs"),
+        all_true("and without a warp", np.diff(result.uniform, axis=0) < 0, "pairs"),
         all_true("nothing is below the logarithmic map", over >= 1, "slices and ratios"),
         all_true("with a warp S over that limit lies between √q and (1 + q)/2", (over >= np.sqrt(q) * (1 - 1e-12))
                  & (over <= (1 + q) / 2 * (1 + 1e-12)), "slices and ratios"),

@@ -19,6 +19,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from scipy.optimize import brentq
 
 from experiments.base import Claim
@@ -177,6 +178,7 @@ def draw(result: Result) -> Figure:
             k, result.storage[index], marker, color=color, markersize=4, linestyle="-", linewidth=1.2, label=name
         )
     left.set_xscale("log")
+    left.yaxis.set_major_locator(MaxNLocator(integer=True))
     label(left, "f/n", "slices k", f"Slices for {result.config.factor:g} times the least storage")
     left.legend(loc="upper left")
     right.plot(np.arange(1, result.config.most + 1), result.parallel, "^-", color=PALETTE[2], markersize=4,
