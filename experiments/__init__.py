@@ -9,12 +9,15 @@ from experiments import (
     mdsm_fig_5_3,
     mdsm_fig_5_4,
     mdsm_figs_4_7_to_4_11,
+    warping_errata,
     warping_fig_19,
     warping_fig_20,
     warping_fig_22,
     warping_fig_23,
     warping_fig_26,
     warping_partitions_needed,
+    warping_published_and_optimal,
+    warping_when_a_warp_hurts,
 )
 from experiments.base import Claim, Experiment, Outcome, Unsuitable, perform
 from experiments.settings import default_path, read_config
@@ -32,6 +35,9 @@ EXPERIMENTS: dict[str, Experiment] = {
     "warping_fig_23": warping_fig_23,
     "warping_fig_26": warping_fig_26,
     "warping_partitions_needed": warping_partitions_needed,
+    "warping_published_and_optimal": warping_published_and_optimal,
+    "warping_when_a_warp_hurts": warping_when_a_warp_hurts,
+    "warping_errata": warping_errata,
 }
 
 

@@ -165,8 +165,8 @@ def run(config: Config) -> Result:
     chart = [np.asarray(x) for x in _relative(many)]
     return Result(
         config, gammas, curves, float(even), (float(points[at]), float(loss[at])), some,
-        across.max(axis=-1) * along.max(axis=-1), expected, searched, float(np.log(tried[1] / tried[0])), ratios, chart[0], chart[3],
-        np.degrees(np.asarray(many.gamma_limit))[:, 0],
+        across.max(axis=-1) * along.max(axis=-1), expected, searched,
+        float(np.log(tried[1] / tried[0])), ratios, chart[0], chart[3], np.degrees(np.asarray(many.gamma_limit))[:, 0],
     )  # fmt: skip
 
 
@@ -211,7 +211,8 @@ def numbers(result: Result) -> dict[str, Any]:
     return {
         "gamma_deg": result.gammas, "storage_over_uniform": result.curves, "break_even_deg": result.even,
         "worst_deg_and_factor": result.worst, "gamma_measured_deg": result.measured_gammas,
-        "measured": result.measured[0] / result.measured[1], "f_over_n": result.ratios, "largest_factor": result.chart.max(axis=1),
+        "measured": result.measured[0] / result.measured[1], "f_over_n": result.ratios,
+        "largest_factor": result.chart.max(axis=1),
     }  # fmt: skip
 
 
