@@ -81,9 +81,9 @@ class ShadowMapping(Technique):
 
     def build(self, mesh: Mesh, light: Light, camera: Camera) -> "MappedShadows":
         """Cast the maps and let the filter prepare them."""
-        grids = _grids(self.partition, mesh, light, camera, self.resolution)
+        partition, grids = _placed(self.partition, mesh, light, camera, self.resolution)
         maps = tuple(build_shadow_map(self.caster, mesh, grid) for grid in grids)
-        return _read_with(self.filter, self.partition, camera, maps, self.bias)
+        return _read_with(self.filter, partition, camera, maps, self.bias)
 
     @property
     def num_tones(self) -> int | None:
@@ -103,8 +103,11 @@ def _read_with(
 
 # The steps of `build` are compiled one by one: techniques that differ in their filter share the compiled caster.
 @eqx.filter_jit
-def _grids(partition: Partition, mesh: Mesh, light: Light, camera: Camera, resolution: int) -> tuple[RayGrid, ...]:
-    return partition.grids(mesh, light, camera, resolution)
+def _placed(
+    partition: Partition, mesh: Mesh, light: Light, camera: Camera, resolution: int
+) -> tuple[Partition, tuple[RayGrid, ...]]:
+    placed = partition.placed(mesh, light, camera)
+    return placed, placed.grids(mesh, light, camera, resolution)
 
 
 @eqx.filter_jit
@@ -132,15 +135,24 @@ class MappedShadows(Shadows):
     bias: Bias
 
     def visibility(self, points: Points, normals: Points) -> Float[Array, "*points"]:
-        """Read the map of each point's region."""
-        grids = tuple(shadow_map.grid for shadow_map in self.maps)
-        region = self.partition.select(grids, self.camera, points) if len(self.maps) > 1 else None
-        result = jnp.ones(points.shape[:-1], points.dtype)
-        for index, (shadow_map, planes) in enumerate(zip(self.maps, self.planes, strict=True)):
-            value = self.filter.visibility(planes, self.lookup(shadow_map, points, normals))
-            result = value if region is None else jnp.where(region == index, value, result)
-        facing = dot(normals, grids[0].space.to_source(points)) > 0
+        """Read the map of each point's region, or the maps that share it."""
+        if len(self.maps) == 1:
+            result = self.read(0, points, normals)
+        else:
+            result = jnp.zeros(points.shape[:-1], points.dtype)
+            for index, share in enumerate(self.partition.shares(self.grids, self.camera, points)):
+                result = result + share * self.read(index, points, normals)
+        facing = dot(normals, self.maps[0].grid.space.to_source(points)) > 0
         return jnp.where(facing, result, jnp.zeros_like(result))
+
+    @property
+    def grids(self) -> tuple[RayGrid, ...]:
+        """The light rays of every region's map."""
+        return tuple(shadow_map.grid for shadow_map in self.maps)
+
+    def read(self, region: int, points: Points, normals: Points) -> Float[Array, "*points"]:
+        """What the map of one region answers, wherever the points lie and whichever side they face."""
+        return self.filter.visibility(self.planes[region], self.lookup(self.maps[region], points, normals))
 
     def with_filter(self, filter_: Filter, bias: Bias | None = None) -> "MappedShadows":
         """The same maps read with another filter; its own default bias if none is given."""

@@ -226,19 +226,24 @@ def near_distance(chosen: options.NearDistance) -> int:
 
     phi, gamma = _angles(chosen)
     with jax.enable_x64(True):
-        content = find(chosen.near, chosen.far, phi, gamma, chosen.section).to_json()
+        content = find(chosen.near, chosen.far, phi, gamma, chosen.section, chosen.objective).to_json()
     return _optimized(chosen.json, content)
 
 
 def splits(chosen: options.Splits) -> int:
-    """Find splits, in float64."""
+    """Find splits, in float64; together with every n', or under a limit on seams, where that is asked for."""
+    from shadowjax.optimize.joint import joint_splits
     from shadowjax.optimize.splits import splits as find
 
     phi, gamma = _angles(chosen)
+    limit = chosen.seam_limit
+    require(limit is None or limit > 1, f"--seam-limit, a factor between texel sizes, must exceed 1; got {limit}")
+    view = (chosen.near, chosen.far, phi, gamma, chosen.num_partitions, chosen.objective, chosen.warp)
     with jax.enable_x64(True):
-        content = find(
-            chosen.near, chosen.far, phi, gamma, chosen.num_partitions, chosen.objective, chosen.warp
-        ).to_json()
+        if limit is not None or chosen.warp == "free":
+            content = joint_splits(*view, limit, chosen.section).to_json()
+        else:
+            content = find(*view, chosen.section).to_json()
     return _optimized(chosen.json, content)
 
 

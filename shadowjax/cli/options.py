@@ -141,7 +141,7 @@ class Scenes:
 
 @dataclass(frozen=True)
 class NearDistance:
-    """The near distance n' of a warped shadow map with the least largest error."""
+    """The near distance n' of a warped shadow map with the least largest error, or the least storage."""
 
     near: Annotated[float, _NUMBER] = 1.0
     """Near distance of the view, world units."""
@@ -153,6 +153,8 @@ class NearDistance:
     """Angle between light and view, degrees in [0, 90]."""
     section: Literal["axis", "whole"] = "axis"
     """Where the error counts: along the view axis, or over the whole section of the view."""
+    objective: Literal["z", "storage", "both"] = "z"
+    """What is made small: the largest error along z, the storage M_x·M_z, or the larger of M_x and M_z."""
     json: Annotated[str | None, _FILE] = None
     """File for the result; `-` writes to standard output and nothing else there."""
     config: Annotated[str | None, _FILE] = None
@@ -175,8 +177,12 @@ class Splits:
     """k, number of maps."""
     objective: Literal["max", "sum"] = "max"
     """Whether the largest map or their sum is made small."""
-    warp: Literal["uniform", "lispsm", "minimax"] = "uniform"
-    """Warp of each map."""
+    warp: Literal["uniform", "lispsm", "minimax", "least_storage", "free"] = "uniform"
+    """Warp of each map; free chooses every n' together with the planes."""
+    section: Literal["axis", "whole"] = "axis"
+    """Where the error counts: along the view axis, or over the whole section of the view."""
+    seam_limit: Annotated[float | None, _NUMBER] = None
+    """Largest factor, above 1, by which the error may jump from one map to the next; none by default."""
     json: Annotated[str | None, _FILE] = None
     """File for the result; `-` writes to standard output and nothing else there."""
     config: Annotated[str | None, _FILE] = None

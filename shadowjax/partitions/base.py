@@ -1,10 +1,11 @@
-"""What a partition is: several grids of light rays, and the rule that chooses one for each point."""
+"""What a partition is: several grids of light rays, and the rule that chooses one or mixes some for each point."""
 
 from abc import abstractmethod
+from typing import Self
 
 import equinox as eqx
 
-from shadowjax._types import Array, Int, Points
+from shadowjax._types import Array, Float, Int, Points
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
@@ -14,6 +15,13 @@ from shadowjax.rays.ray_grid import RayGrid
 class Partition(eqx.Module):
     """Splits what a light must cover into regions, each with a shadow map of its own."""
 
+    def placed(self, mesh: Mesh, light: Light, camera: Camera) -> Self:
+        """This partition with what it reads off the scene and the view fixed; itself where there is nothing to fix.
+
+        A technique places its partition once, then asks it for grids and, later, for the region of each point.
+        """
+        return self
+
     @abstractmethod
     def grids(self, mesh: Mesh, light: Light, camera: Camera, resolution: int) -> tuple[RayGrid, ...]:
         """The grid of light rays of every region; each is `resolution` × `resolution`."""
@@ -21,3 +29,11 @@ class Partition(eqx.Module):
     @abstractmethod
     def select(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> Int[Array, "*points"]:
         """Which region answers for each point."""
+
+    def shares(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> tuple[Float[Array, "*points"], ...]:
+        """How much each region's answer counts at each point: shares that sum to 1.
+
+        One region alone unless the partition blends across its seams.
+        """
+        region = self.select(grids, camera, points)
+        return tuple((region == index).astype(points.dtype) for index in range(len(grids)))

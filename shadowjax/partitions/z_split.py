@@ -1,7 +1,7 @@
-"""Where to cut the view in depth: uniform, logarithmic, practical and adaptive splits, and the partition they make."""
+"""Slices of the view in depth (cascades), each with a map of its own: rules, choice by point, blending at seams."""
 
 import math
-from collections.abc import Sequence
+from typing import Any, Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,146 +11,49 @@ from shadowjax._types import Array, ArrayLike, Float, Int, Points, as_float_arra
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, Light
 from shadowjax.geometry.mesh import Mesh
+from shadowjax.partitions import seen_depths
 from shadowjax.partitions.base import Partition
+from shadowjax.partitions.split_rules import (
+    Splits,
+    adaptive_splits,
+    iterate_adaptive,
+    logarithmic_splits,
+    practical_splits,
+    uniform_splits,
+)
+from shadowjax.rays.caster import Caster
+from shadowjax.rays.grid import Grid
 from shadowjax.rays.light_space import farthest, light_space
 from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.warps.base import WarpFit
 from shadowjax.warps.fit import PerspectiveFit, visible_range
 
-Splits = Float[Array, "... planes"]
-
-
-def _range(near: ArrayLike, far: ArrayLike, num_partitions: int) -> tuple[Array, Array, Array]:
-    near, far = as_float_array(near), as_float_array(far)
-    near = require_value(near, near > 0, "near must be positive")
-    far = require_value(far, far > near, "far must be greater than near")
-    require_int(num_partitions, "the number of partitions k", 1)
-    near, far = near[..., None], far[..., None]
-    return near, far, jnp.arange(num_partitions + 1, dtype=far.dtype) / num_partitions
-
-
-def _ends(splits: Array, near: Array, far: Array) -> Splits:
-    """The planes with n and f exact."""
-    return splits.at[..., 0].set(near[..., 0]).at[..., -1].set(far[..., 0])
-
-
-def uniform_splits(near: ArrayLike, far: ArrayLike, num_partitions: int) -> Splits:
-    """Slices of equal depth: k + 1 planes from n to f."""
-    near, far, step = _range(near, far, num_partitions)
-    return _ends(near + (far - near) * step, near, far)
-
-
-def logarithmic_splits(near: ArrayLike, far: ArrayLike, num_partitions: int) -> Splits:
-    """Slices of equal ratio f_i/n_i, so similar to each other: n(f/n)^(i/k).
-
-    They minimise the largest storage factor, and the sum wherever S is convex in ln(f/n): with the light overhead, for
-    uniform maps and for parallel light.
-
-    Args:
-        near: Depth n, world units, > 0.
-        far: Depth f, world units, > near.
-        num_partitions: k ≥ 1.
-
-    Raises:
-        ValueError: If a number is out of range.
-
-    Source: warping, eq. 50.
-    """
-    near, far, step = _range(near, far, num_partitions)
-    return _ends(near * (far / near) ** step, near, far)
-
-
-def practical_splits(near: ArrayLike, far: ArrayLike, num_partitions: int, weight: ArrayLike = 0.5) -> Splits:
-    """weight · logarithmic + (1 − weight) · uniform splits.
-
-    Args:
-        near: Depth n, world units, > 0.
-        far: Depth f, world units, > near.
-        num_partitions: k ≥ 1.
-        weight: λ in [0, 1]; 1 is logarithmic.
-
-    Raises:
-        ValueError: If a number is out of range.
-    """
-    weight = as_float_array(weight)
-    weight = require_value(weight, (weight >= 0) & (weight <= 1), "the weight λ must lie in [0, 1]")
-    logarithmic, uniform = logarithmic_splits(near, far, num_partitions), uniform_splits(near, far, num_partitions)
-    weight = weight[..., None].astype(uniform.dtype)
-    return uniform + weight * (logarithmic - uniform)
-
-
-def iterate_adaptive(
-    near: Float[Array, "..."], far: Float[Array, "..."], weight: Float[Array, "..."], ratios: Float[Array, "... cuts"],
-    least_share: float = 0.0,
-) -> Splits:  # fmt: skip
-    """The adaptive iteration without checks; `least_share` 0 is the source's own. See `adaptive_splits`."""
-    planes = [far]
-    for i in range(ratios.shape[-1] + 1, 1, -1):
-        end = planes[-1]
-        equal = near * (end / near) ** ((i - 1) / i)
-        cut = weight * equal + (1 - weight) * end / ratios[..., i - 2]
-        if least_share > 0:
-            cut = jnp.maximum(cut, near * (end / near) ** (least_share * (i - 1) / i))
-        planes.append(cut)
-    planes.append(jnp.broadcast_to(near, planes[-1].shape))
-    return jnp.stack(jnp.broadcast_arrays(*planes[::-1]), axis=-1)
-
-
-def adaptive_splits(
-    near: ArrayLike,
-    far: ArrayLike,
-    gamma: ArrayLike,
-    ratios: ArrayLike | Sequence[float],
-    least_share: float = 0.25,
-) -> Splits:
-    """Logarithmic splits when the light is overhead, chosen ratios f_i/n_i (against seams) as it turns parallel.
-
-    From the last slice to the second, n_i = λ·n(f_i/n)^((i−1)/i) + (1 − λ)·f_i/α_i with λ = γ/(π/2). As printed the
-    cuts can leave [n, f] even when the product of the α is below f/n. Here the slices in front of a cut keep at least
-    `least_share` of the log range that equal ratios would give them, so n < n_2 < … < f always.
-
-    Args:
-        near: Depth n, world units, > 0.
-        far: Depth f, world units, > near.
-        gamma: Angle between light and view, radians, in [0, π/2].
-        ratios: α_2 … α_k, each > 1, one a cut; their product at most f/n.
-        least_share: 0 for the printed form, 1 never to let a slice be longer than its equal share.
-
-    Returns:
-        k + 1 planes from n to f.
-
-    Raises:
-        ValueError: If a number is out of range.
-
-    Source: warping, eq. 55, with the clamp that it lacks.
-    """
-    near, far, _ = _range(near, far, 1)
-    near, far = near[..., 0], far[..., 0]
-    ratios = jnp.asarray(ratios, dtype=near.dtype)
-    gamma = jnp.asarray(gamma, dtype=near.dtype)
-    require(ratios.ndim > 0, "ratios must be a sequence α_2 … α_k, one a cut")
-    require(0 <= least_share <= 1, f"least_share must lie in [0, 1]; got {least_share}")
-    right_angle = jnp.asarray(math.pi / 2, near.dtype)
-    gamma = require_value(gamma, (gamma >= 0) & (gamma <= right_angle), "gamma must be in radians and lie in [0, π/2]")
-    ratios = require_value(ratios, ratios > 1, "every ratio α of the slices must exceed 1")
-    fits = jnp.prod(ratios, axis=-1) <= far / near
-    ratios = require_value(ratios, fits, "the product of the ratios α must not exceed far/near")
-    return iterate_adaptive(near, far, gamma / right_angle, ratios, least_share)
-
-
-RULES = ("uniform", "logarithmic", "practical", "adaptive")
+RULES = ("uniform", "logarithmic", "practical", "adaptive", *seen_depths.RULES)
+CHOICES = ("map", "depth")
+MISSED = 0.05  # share by which the range of a coarse depth buffer is widened
 
 
 class ZSplit(Partition):
     """Slices of the camera's frustum in depth, each with a map of its own (cascades).
 
+    Points take the first map, from the nearest slice on, that holds them: a slice's map often reaches beyond its far
+    plane, and points there then get its finer texels. Or they take the slice that their depth lies in; that is what
+    blending needs, since only then is the next map known to cover the points beside the seam.
+
     Attributes:
         num_partitions: k, the number of maps.
-        rule: "uniform", "logarithmic", "practical" or "adaptive".
+        rule: "uniform", "logarithmic", "practical" or "adaptive"; or, from the depths that the camera sees, "seen",
+            "quantile" or "histogram" (`shadowjax.partitions.seen_depths`).
         weight: λ of the practical rule.
         ratio: α of every slice but the first, for the adaptive rule; lowered to what far/near allows.
         warp: How each slice's texels are spread.
         tight: Whether the range is cut to the depths at which the scene has vertices.
+        blend: Width of the band before each cut in which the next slice's answer fades in, as a share of the nearer
+            slice's range of ln z, in [0, 1]; with a width, points are chosen by depth.
+        choose: "map" or "depth", as above.
+        cuts: The k + 1 planes themselves, world units; they replace the rule.
+        num_rows: Rows of the depth buffer that the rules of seen depths look at.
+        caster: Traces that buffer.
     """
 
     num_partitions: int = eqx.field(static=True, default=4)
@@ -159,17 +62,49 @@ class ZSplit(Partition):
     ratio: float = eqx.field(static=True, default=3.0)
     warp: WarpFit = PerspectiveFit()
     tight: bool = eqx.field(static=True, default=True)
+    blend: float = eqx.field(static=True, default=0.0)
+    choose: str = eqx.field(static=True, default="map")
+    cuts: Splits | None = None
+    num_rows: int = eqx.field(static=True, default=64)
+    caster: Caster = Grid()
 
     def __check_init__(self) -> None:
         require_int(self.num_partitions, "the number of partitions k", 1)
         require_choice(self.rule, "split rule", RULES)
+        require_choice(self.choose, "choice of a map", CHOICES)
         require(0 <= self.weight <= 1, f"the weight λ must lie in [0, 1]; got {self.weight}")
         require(self.ratio > 1, f"the ratio α must exceed 1; got {self.ratio}")
+        require(0 <= self.blend <= 1, f"blend, a share of a slice, must lie in [0, 1]; got {self.blend}")
+        require_int(self.num_rows, "the number of rows of the depth buffer", 1)
+
+    @classmethod
+    def at(cls, cuts: ArrayLike, **options: Any) -> "ZSplit":
+        """Slices between given planes, such as an optimiser's.
+
+        Args:
+            cuts: k + 1 rising depths, world units, the first > 0.
+            options: Further attributes.
+
+        Raises:
+            ValueError: If there are fewer than two planes, or they do not rise.
+        """
+        planes = as_float_array(cuts)
+        require(
+            planes.ndim == 1 and planes.shape[0] > 1, f"cuts must be at least two planes in a row; got {planes.shape}"
+        )
+        rises = (planes[0] > 0) & jnp.all(planes[1:] > planes[:-1])
+        planes = require_value(planes, rises, "cuts must be positive depths that rise")
+        return cls(planes.shape[0] - 1, cuts=planes, **options)
 
     def planes(self, mesh: Mesh, light: Light, camera: Camera) -> Splits:
         """The k + 1 depths of this partition for a scene and a view."""
+        if self.cuts is not None:
+            return self.cuts.astype(camera.near.dtype)
         near, far = visible_range(camera, mesh) if self.tight else (camera.near, camera.far)
         k = self.num_partitions
+        if self.rule in seen_depths.RULES:
+            depth, seen = seen_depths.seen_depths(mesh, camera, self.caster, self.num_rows)
+            return seen_depths.seen_splits(depth, seen, near, far, k, self.rule, MISSED)
         if self.rule == "uniform":
             return uniform_splits(near, far, k)
         if self.rule == "practical":
@@ -180,23 +115,36 @@ class ZSplit(Partition):
         weight = camera.gamma(light.direction) / (math.pi / 2)
         return iterate_adaptive(near, far, weight, jnp.broadcast_to(ratio, (k - 1,)), 0.25)
 
+    def placed(self, mesh: Mesh, light: Light, camera: Camera) -> Self:
+        """With the planes of this scene and view as `cuts`."""
+        planes = self.planes(mesh, light, camera)
+        return eqx.tree_at(lambda p: p.cuts, self, planes, is_leaf=lambda x: x is None)
+
     def grids(self, mesh: Mesh, light: Light, camera: Camera, resolution: int) -> tuple[RayGrid, ...]:
-        """One grid a slice, the nearest first."""
+        """One grid a slice, the nearest first; each reaches back over the band in which it fades in."""
         lower, upper = mesh.bounds()
         space = light_space(light, camera.forward, lower, upper)
         planes = self.planes(mesh, light, camera)
+        starts = jnp.concatenate([planes[:1], self._bands(planes)])
         far = farthest(space, lower, upper)
         maps = []
         for i in range(self.num_partitions):
-            part = eqx.tree_at(lambda c: (c.near, c.far), camera, (planes[i], planes[i + 1]))
+            part = eqx.tree_at(lambda c: (c.near, c.far), camera, (starts[i], planes[i + 1]))
             maps.append(self.warp.fit(space, light, mesh, part))
         return tuple(RayGrid(space, plane_map, far, resolution, resolution) for plane_map in maps)
 
-    def select(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> Int[Array, "*points"]:
-        """The first map, from the nearest slice on, that holds the point; the last one if none does.
+    def _bands(self, planes: Splits) -> Float[Array, "cuts"]:
+        """Depth at which each slice but the first begins to fade in."""
+        cuts = planes[1:-1]
+        return cuts * (planes[:-2] / cuts) ** self.blend
 
-        A slice's map often reaches beyond its far plane; points there then get its finer texels.
-        """
+    def select(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> Int[Array, "*points"]:
+        """The region of each point; by depth, that of the larger share."""
+        if self.choose == "depth" or self.blend > 0:
+            planes = self._placed_planes()
+            middle = jnp.sqrt(self._bands(planes) * planes[1:-1])
+            depth = camera.to_view(points)[..., 2]
+            return jnp.sum(depth[..., None] >= middle, axis=-1, dtype=jnp.int32)
         region = jnp.full(points.shape[:-1], len(grids) - 1, jnp.int32)
         for i in reversed(range(len(grids) - 1)):
             plane, _ = grids[i].space.project(points)
@@ -205,8 +153,27 @@ class ZSplit(Partition):
             region = jnp.where(inside, jnp.asarray(i, jnp.int32), region)
         return region
 
+    def shares(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> tuple[Float[Array, "*points"], ...]:
+        """One region alone, or two in the band before a cut, the farther one's share rising linearly with ln z."""
+        if self.blend == 0:
+            return super().shares(grids, camera, points)
+        planes = self._placed_planes()
+        bands, cuts = self._bands(planes), planes[1:-1]
+        depth = jnp.maximum(camera.to_view(points)[..., 2], planes[0])
+        arrived = [
+            jnp.clip(jnp.log(depth / bands[i]) / jnp.log(cuts[i] / bands[i]), 0, 1) for i in range(len(grids) - 1)
+        ]
+        one = jnp.ones_like(depth)
+        reached = [one, *arrived, jnp.zeros_like(depth)]
+        return tuple(reached[i] - reached[i + 1] for i in range(len(grids)))
+
+    def _placed_planes(self) -> Splits:
+        require(self.cuts is not None, "slices chosen by depth must be placed first: partition.placed(scene …)")
+        assert self.cuts is not None
+        return self.cuts
+
 
 __all__ = [
-    "RULES", "Splits", "ZSplit", "adaptive_splits", "iterate_adaptive", "logarithmic_splits", "practical_splits",
-    "uniform_splits",
+    "CHOICES", "RULES", "Splits", "ZSplit", "adaptive_splits", "iterate_adaptive", "logarithmic_splits",
+    "practical_splits", "uniform_splits",
 ]  # fmt: skip
