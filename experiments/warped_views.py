@@ -67,6 +67,28 @@ def log_range(low: float, high: float, count: int) -> np.ndarray:
     return steps
 
 
+def refined_largest(
+    values: Callable[[np.ndarray], np.ndarray], low: float, high: float, rounds: int = 6, points: int = 65
+) -> tuple[float, float]:
+    """Where a function is largest and its value there, by refining an even grid around its largest sample.
+
+    Args:
+        values: The function, elementwise; with one maximum around its largest sample.
+        low: Least argument.
+        high: Largest argument.
+        rounds: Times the grid is refined; each narrows it `(points − 1)/2` times.
+        points: Of the grid.
+    """
+    best = low, -np.inf
+    for _ in range(rounds):
+        grid = np.linspace(low, high, points)
+        found = values(grid)
+        at = int(found.argmax())
+        best = float(grid[at]), float(found[at])
+        low, high = grid[max(at - 1, 0)], grid[min(at + 1, points - 1)]
+    return best
+
+
 @jax.jit
 def _measured(view: LightFrustum, near_distance: Array, depth: Array, rows: Array) -> tuple[Array, Array]:
     def one(view: LightFrustum, near_distance: Array, depth: Array) -> tuple[Array, Array]:

@@ -167,6 +167,9 @@ def run(config: Config) -> Result:
             found, cut = _measure(image_grid, grid, (_finer(image_grid), _finer(grid)), surface)
             frustum = light_frustum(camera, light.direction, planes[index], planes[index + 1])
             distance = NEAR_DISTANCES[RULES.get(name, "minimax")](frustum)
+            if name in RULES:
+                result.axis_error[name] = float(max_error_z(frustum, distance))
+            result.projection[:] = np.asarray(found.projection)
             room = (1 + 2 * PADDED) ** 2 * (1 + PADDED * frustum.extent / distance) ** 3
             predicted = _predict(frustum, distance, camera, surface) * pixels / resolution**2
             parts.append((found.perspective, found.total, predicted, jnp.broadcast_to(room, cut.shape), cut))
@@ -175,9 +178,6 @@ def run(config: Config) -> Result:
         result.cut[name] = chosen[4]
         if name != LOGARITHMIC:
             result.predicted[name], result.room[name] = chosen[2:4]
-        if name in RULES:
-            result.axis_error[name] = float(max_error_z(frustum, distance))
-        result.projection[:] = np.asarray(found.projection)
     return result
 
 

@@ -149,7 +149,8 @@ def run(config: Config) -> Result:
     counts = np.arange(2, config.most_slices + 1)
     q = (FAR / NEAR) ** (1 / counts)
     # the first cut: the far plane of slice 1 and the near plane of slice 2
-    slices = [np.stack([equal_planes(NEAR, FAR, k)[[0, 1]], equal_planes(NEAR, FAR, k)[[1, 2]]]) for k in counts]
+    planes = [equal_planes(NEAR, FAR, int(k)) for k in counts]
+    slices = [np.stack([cuts[[0, 1]], cuts[[1, 2]]]) for cuts in planes]
     near, far = np.stack(slices)[..., 0], np.stack(slices)[..., 1]
     measured = {}
     for name, distance in (("lispsm", near + np.sqrt(near * far)), ("uniform", LARGEST * far)):

@@ -111,7 +111,7 @@ def run(config: Config) -> Result:
         np.bincount(owner, measured_storage(near, far, config.phi_deg, distance)).reshape(shape)
         for distance in (near + np.sqrt(near * far), np.full_like(near, np.inf))
     ]
-    return Result(config, ratios, warped, uniform, limit, some, *sums, (expected[0], expected[1]))
+    return Result(config, ratios, warped, uniform, limit, some, sums[0], sums[1], (expected[0], expected[1]))
 
 
 def claims(result: Result) -> tuple[Claim, ...]:

@@ -2,9 +2,9 @@
 
 Slats float over a floor and are not drawn; their shadows are, with a hard test and few texels. Where one slice's map
 hands over to the next, the size of a texel jumps. With light almost along the view and a uniform map in each slice,
-both sides jump by f_i/n_i (left, as the source's figure). With light across the view and LiSPSM in each, the error along
-the view does not jump, and across it jumps by √(f_i/n_i), which the source calls small (middle). The adaptive cut of
-eq. 55 with parallel light moves the seam away from the eye and bounds the jump by choosing α (right).
+both sides jump by f_i/n_i (left, as the source's figure). With light across the view and LiSPSM in each, the error
+along the view does not jump, and across it jumps by √(f_i/n_i), which the source calls small (middle). The adaptive
+cut of eq. 55 with parallel light moves the seam away from the eye and makes the jump smaller (right).
 
 Measured: at floor points on the cut the texels of both maps are differentiated. Predicted: the closed forms of the
 errors on both sides. The step of the texel's size between neighbouring pixels of the picture, on the two sides of the
@@ -32,7 +32,7 @@ from experiments.warped_views import check_count, check_gamma, check_view, in_do
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array, Points
 from shadowjax.analysis.seams import seam_jump, seam_steps, texel_picture, texel_widths
-from shadowjax.analysis.storage import seam_jumps, slices
+from shadowjax.analysis.storage import slices
 from shadowjax.filters.hard import Hard
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight

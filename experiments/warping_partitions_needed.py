@@ -50,9 +50,9 @@ class Config:
     most: int = 32
 
     def __post_init__(self):
-        require(len(self.ratios) > 1 and all(ratio > 1 for ratio in self.ratios), "ratios must hold two f/n above 1")
+        require(len(self.ratios) > 1 and min(self.ratios) > 1, "ratios must hold at least two f/n, all above 1")
         require(tuple(sorted(set(self.ratios))) == self.ratios, "ratios must rise")
-        check_view(1.0, self.ratios[-1], self.phi_deg)
+        check_view(1.0, max(self.ratios), self.phi_deg)
         check_count(self.num_ratios, "num_ratios", 10)
         require(self.factor > 1, f"factor must exceed 1: nothing beats the least possible; got {self.factor}")
         check_count(self.most, "most", 2)

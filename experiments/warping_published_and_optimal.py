@@ -14,6 +14,7 @@ How to read it: n' on the left; beside it the largest error over the least possi
 whole section. 1 is the optimum.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +26,7 @@ from matplotlib.figure import Figure
 from experiments.base import Claim
 from experiments.claiming import agrees, all_true, at_most, equals
 from experiments.layout import mark_x
-from experiments.warped_views import check_count, check_view, in_double, views
+from experiments.warped_views import check_count, check_view, in_double, refined_largest, views
 from shadowjax._types import Array
 from shadowjax.plotting import PALETTE, label, new_figure, styled
 from shadowjax.warps.light_frustum import SECTIONS, LightFrustum
@@ -35,7 +36,6 @@ from shadowjax.warps.prediction import max_error_z
 
 RULES = {"eqs 42 and 44": PALETTE[0], "eqs 42 and 43": PALETTE[2], "Wimmer: (n + √(fn))/sin γ": PALETTE[4]}
 SQUARED, SINE, WIMMER = RULES
-ROUNDS, POINTS = 6, 65  # of refinement around the largest loss
 
 
 @dataclass(frozen=True)
@@ -86,12 +86,12 @@ class Result:
     config: Config
     gammas: np.ndarray
     limit: float
-    rules: dict[str, np.ndarray]
-    best: dict[str, np.ndarray]
-    losses: dict[str, dict[str, np.ndarray]]
-    worst: dict[str, dict[str, tuple[float, float]]]
+    rules: Mapping[str, np.ndarray]
+    best: Mapping[str, np.ndarray]
+    losses: Mapping[str, Mapping[str, np.ndarray]]
+    worst: Mapping[str, Mapping[str, tuple[float, float]]]
     at_limit: float
-    searched: dict[str, np.ndarray]
+    searched: Mapping[str, np.ndarray]
     step: float
     trend: tuple[float, float]
 
@@ -118,17 +118,6 @@ def _losses(view: LightFrustum) -> tuple[tuple[Array, ...], ...]:
     return tuple(tuple(_errors(view, distance)[i] / least[i] for distance in _rules(view)) for i in range(2))
 
 
-def _largest(view: Any, section: int, rule: int, limit: float) -> tuple[float, float]:
-    """γ of the largest loss below γ_lim and the loss, by refining around the largest of a range."""
-    low, high = 1.0, limit
-    for _ in range(ROUNDS):
-        gammas = np.linspace(low, high, POINTS)
-        loss = np.asarray(_losses(view(gammas))[section][rule])
-        at = int(loss.argmax())
-        low, high = gammas[max(at - 1, 0)], gammas[min(at + 1, POINTS - 1)]
-    return float(gammas[at]), float(loss[at])
-
-
 @in_double
 def run(config: Config) -> Result:
     """Closed forms over γ, the search, and the largest losses."""
@@ -139,7 +128,7 @@ def run(config: Config) -> Result:
     gammas = np.linspace(0.5, 90, config.num_gammas)
     limit = float(np.degrees(np.asarray(view(90.0).gamma_limit)))
     rules = dict(zip(RULES, (np.asarray(x) for x in _rules(view(gammas))), strict=True))
-    best = dict(zip(SECTIONS, (np.asarray(x) for x in _best(view(gammas))), strict=True))
+    best = {str(name): np.asarray(x) for name, x in zip(SECTIONS, _best(view(gammas)), strict=True)}
     losses = [[np.asarray(x) for x in section] for section in _losses(view(gammas))]
     some = np.linspace(2, 90, config.num_searched)[:, None]
     tried = config.near * np.exp(np.linspace(-4, 4 + np.log(1e4 * config.far / config.near), config.num_near_distances))
@@ -151,7 +140,11 @@ def run(config: Config) -> Result:
         config, gammas, limit, rules, best,
         losses={name: dict(zip(RULES, row, strict=True)) for name, row in zip(SECTIONS, losses, strict=True)},
         worst={
-            name: {rule: _largest(view, i, j, limit) for j, rule in enumerate(RULES)} for i, name in enumerate(SECTIONS)
+            name: {
+                rule: refined_largest(lambda g, i=i, j=j: np.asarray(_losses(view(g))[i][j]), 1.0, limit)
+                for j, rule in enumerate(RULES)
+            }
+            for i, name in enumerate(SECTIONS)
         },
         at_limit=float(_losses(view(limit))[1][0]),
         searched={name: all_errors[i] / at_best[i] for i, name in enumerate(SECTIONS)},

@@ -26,7 +26,15 @@ from matplotlib.figure import Figure
 from experiments.base import Claim
 from experiments.claiming import agrees, at_most, equals
 from experiments.layout import mark_x
-from experiments.warped_views import check_count, check_view, in_double, log_range, measured_errors, views
+from experiments.warped_views import (
+    check_count,
+    check_view,
+    in_double,
+    log_range,
+    measured_errors,
+    refined_largest,
+    views,
+)
 from shadowjax._types import Array
 from shadowjax.plotting import PALETTE, label, new_figure, styled
 from shadowjax.plotting.style import DIFFERENCE
@@ -35,7 +43,7 @@ from shadowjax.warps.lispsm import generalised, uniform
 from shadowjax.warps.minimax import least_storage, minimax
 from shadowjax.warps.prediction import storage_factor
 
-CURVES = ("eqs 42 and 44", "eqs 42 and 43", "least M_z", "least storage")
+CURVES: tuple[str, ...] = ("eqs 42 and 44", "eqs 42 and 43", "least M_z", "least storage")
 PUBLISHED, SINE, MINIMAX, LEAST = CURVES
 ROUNDS, POINTS = 6, 65
 ROWS = 2**14  # of the measured maps: more would lose digits of the nearly uniform one
@@ -148,12 +156,7 @@ def run(config: Config) -> Result:
         at = int(np.flatnonzero(published(points) > 1).max())
         low, high = points[at], points[at + 1]
     even = 0.5 * (low + high)
-    low, high = 0.5, even
-    for _ in range(ROUNDS):
-        points = np.linspace(low, high, POINTS)
-        loss = published(points)
-        at = int(loss.argmax())
-        low, high = points[max(at - 1, 0)], points[min(at + 1, POINTS - 1)]
+    worst = refined_largest(published, 0.5, even)
     some = np.linspace(8, 90, config.num_measured)
     tried = config.near * np.exp(np.linspace(-4, 4 + np.log(1e4 * config.far / config.near), config.num_near_distances))
     searched = np.asarray(_search(view(some[:, None]), jnp.asarray(tried)))[:, 0]
@@ -164,7 +167,7 @@ def run(config: Config) -> Result:
     many = views(1.0, ratios[:, None], config.phi_deg, np.linspace(0.5, 90, POINTS * 4))
     chart = [np.asarray(x) for x in _relative(many)]
     return Result(
-        config, gammas, curves, float(even), (float(points[at]), float(loss[at])), some,
+        config, gammas, curves, float(even), worst, some,
         across.max(axis=-1) * along.max(axis=-1), expected, searched,
         float(np.log(tried[1] / tried[0])), ratios, chart[0], chart[3], np.degrees(np.asarray(many.gamma_limit))[:, 0],
     )  # fmt: skip
