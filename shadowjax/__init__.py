@@ -27,15 +27,23 @@ from shadowjax.geometry.mesh import Mesh, load
 from shadowjax.geometry.scenes import SCENES, Scene
 from shadowjax.geometry.scenes import make as make_scene
 from shadowjax.maps.shadow_map import ShadowMap, build_shadow_map
+from shadowjax.partitions.faces import Faces
+from shadowjax.partitions.registry import PARTITIONS, make_partition
+from shadowjax.partitions.whole import Whole
+from shadowjax.partitions.z_split import ZSplit
 from shadowjax.rays.brute import BruteForce
 from shadowjax.rays.ray import Hit, Rays, intersect
 from shadowjax.rays.ray_grid import RayGrid, camera_grid
 from shadowjax.shading import Material, shade, trace_surface, visibility_on
 from shadowjax.techniques import TECHNIQUES, Exact, ShadowMapping, make_technique
+from shadowjax.warps.fit import LogarithmicFit, PerspectiveFit
+from shadowjax.warps.stable import StableFit
+from shadowjax.warps.uniform import UniformFit
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "PARTITIONS",
     "SCENES",
     "TECHNIQUES",
     "Bias",
@@ -44,14 +52,17 @@ __all__ = [
     "Camera",
     "DirectionalLight",
     "Exact",
+    "Faces",
     "FixedNeighbour",
     "Hard",
     "Hit",
+    "LogarithmicFit",
     "Material",
     "Mesh",
     "MultiDepth",
     "Neighbourhood",
     "PercentageCloser",
+    "PerspectiveFit",
     "PointLight",
     "RayGrid",
     "Rays",
@@ -60,7 +71,11 @@ __all__ = [
     "ShadowMap",
     "ShadowMapping",
     "SpotLight",
+    "StableFit",
     "StochasticNeighbour",
+    "UniformFit",
+    "Whole",
+    "ZSplit",
     "bilinear_percentage_closer",
     "build_shadow_map",
     "camera_grid",
@@ -68,6 +83,7 @@ __all__ = [
     "composite_attenuation",
     "intersect",
     "load",
+    "make_partition",
     "make_scene",
     "make_technique",
     "max_neighbour",

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 
-from shadowjax._checks import require
 from shadowjax._numerics import norm, safe_divide
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.rays.ray_grid import RayGrid
@@ -102,14 +101,7 @@ def seam_steps(
         valid: Pixels that count.
         face: Triangle that each pixel sees; then only neighbours on one triangle count, so that a silhouette in front
             of a distant surface is no seam.
-
-    Raises:
-        ValueError: If the shapes differ.
     """
-    require(
-        values.shape == region.shape == valid.shape,
-        f"values, region and valid must have one shape; got {values.shape}, {region.shape}, {valid.shape}",
-    )
     face = jnp.zeros_like(region) if face is None else face
 
     def pairs(image: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:

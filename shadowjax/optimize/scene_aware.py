@@ -38,7 +38,10 @@ class SeenNearDistance(eqx.Module):
         error: Its error: the mean, or the worst pixel's m_z up to a factor.
         published: Error of eq. 42 with 44 over the same range of depths.
         gain: `published` over `error`.
-        slope: Derivative of ln(error) by the bend W/(n' + W) there; 0 at a smooth inner optimum.
+        slope_below: Derivative of ln(error) by the bend W/(n' + W) just below the optimum; not positive, unless the
+            uniform map is best.
+        slope_above: The same just above; not negative. Both are 0 at a smooth optimum, not at a kink, where another
+            corner of the frustum begins to bound the map's width or, for "worst", another pixel is the worst.
         uniform: Whether the uniform map is best.
     """
 
@@ -46,7 +49,8 @@ class SeenNearDistance(eqx.Module):
     error: Scalar
     published: Scalar
     gain: Scalar
-    slope: Scalar
+    slope_below: Scalar
+    slope_above: Scalar
     uniform: Array
 
 
@@ -56,8 +60,8 @@ def near_distance_for_view(pixels: SeenPixels, objective: str = "mean") -> SeenN
 
     Args:
         pixels: From `seen_pixels`.
-        objective: "mean", the mean of m_x·m_z by weight; its n' carries the implicit derivative of a stationary point.
-            "worst", the largest weighted m_z of a pixel (`shadowjax.warps.strength`).
+        objective: "mean", the mean of m_x·m_z by weight; its n' carries the implicit derivative of a smooth optimum and
+            none at a kink. "worst", the largest weighted m_z of a pixel (`shadowjax.warps.strength`).
 
     Raises:
         ValueError: If the objective is unknown.
@@ -72,7 +76,7 @@ def near_distance_for_view(pixels: SeenPixels, objective: str = "mean") -> SeenN
 
         def log_error(bend: Array) -> Array:
             stretch = 1 + offset * (bend / (1 - bend) / extent)
-            return jnp.log(jnp.max(weight * stretch * stretch) * extent * (1 - bend) / (2 * pixels.half_size[1]))
+            return _log(jnp.max(weight * stretch * stretch) * extent * (1 - bend) / (2 * pixels.half_size[1]))
 
         bend = least_worst_strength(offset, weight, extent) * extent
         bend = bend / (1 + bend)
@@ -81,19 +85,33 @@ def near_distance_for_view(pixels: SeenPixels, objective: str = "mean") -> SeenN
         count = jnp.sum(pixels.weight)
 
         def log_error(bend: Array) -> Array:
-            return jnp.log(total_error(sums, chart, bend / (1 - bend) / extent) / count)
+            return _log(safe_divide(total_error(sums, chart, bend / (1 - bend) / extent), count))
 
         bend = _least(log_error, extent.dtype)
     distance = extent * (1 - bend) / jnp.maximum(bend, float(jnp.finfo(extent.dtype).eps) / 4)
     error = jnp.exp(log_error(bend))
     published = generalised(frustum)
     before = jnp.exp(log_error(extent / (extent + published)))
-    slope = jax.jvp(log_error, (bend,), (jnp.ones_like(bend),))[1]
-    return SeenNearDistance(distance, error, before, before / error, slope, bend <= 1e-9)
+    below, above = (_slope(log_error, bend, side) for side in (-1, 1))
+    return SeenNearDistance(distance, error, before, before / error, below, above, bend <= 1e-9)
+
+
+def _log(value: Array) -> Array:
+    """Logarithm; that of a tiny number where nothing is seen, so no error either."""
+    return jnp.log(jnp.maximum(value, float(jnp.finfo(value.dtype).tiny) ** 0.5))
+
+
+def _slope(function: Any, place: Array, side: int) -> Array:
+    """Derivative just beside a place."""
+    beside = jnp.clip(place + side * float(jnp.finfo(place.dtype).eps) ** 0.5, 0.0, 1 - 1e-6)
+    return jax.jvp(function, (beside,), (jnp.ones_like(beside),))[1]
 
 
 def _least(function: Any, dtype: Any) -> Array:
-    """Bend of least value in [0, 1): the best of a grid, then Newton's method on the slope where it is inside."""
+    """Bend of least value in [0, 1): the best of a grid, then bisection of the slope's sign where it changes there.
+
+    optimistix differentiates the root by the implicit function theorem, which holds where the slope is continuous.
+    """
     grid = jnp.linspace(0, 1 - 1 / BENDS, BENDS, dtype=dtype)
     index = jnp.argmin(jax.lax.stop_gradient(jax.vmap(function)(grid)))
     slope = jax.grad(function)
@@ -104,6 +122,9 @@ def _least(function: Any, dtype: Any) -> Array:
     found = optx.root_find(lambda b, _: slope(b), solver, start, options=ends, max_steps=60, throw=False).value
     inside = (slope(ends["lower"]) < 0) & (slope(ends["upper"]) > 0)
     better = function(found) <= function(start)
+    step = _slope(function, found, 1) - _slope(function, found, -1)
+    smooth = jnp.abs(step) < 1e-3 * (jnp.abs(slope(ends["lower"])) + jnp.abs(slope(ends["upper"])))
+    found = jnp.where(smooth, found, jax.lax.stop_gradient(found))
     return jnp.where(inside & better, found, start)
 
 

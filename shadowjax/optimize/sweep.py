@@ -95,12 +95,16 @@ def sweep(
     require_value(lists[3], lists[3] >= 1, "every number of partitions k must be at least 1")
     shape = tuple(x.size for x in lists)
     points = jnp.stack([x.reshape(-1) for x in jnp.meshgrid(*lists, indexing="ij")], axis=-1)
-    count, devices = len(points), np.asarray(jax.devices())
-    padding = -count % len(devices)
-    padded = jnp.concatenate([points, jnp.broadcast_to(points[:1], (padding, 4))])
-    layout = NamedSharding(Mesh(devices, ("views",)), PartitionSpec("views"))
-    found = _all(jax.device_put(padded, layout), checked)
-    return jax.tree.map(lambda x: x[:count].reshape(shape), found)
+    found = _all(laid_out(points), checked)
+    return jax.tree.map(lambda x: x[: len(points)].reshape(shape), found)
 
 
-__all__ = ["Sweep", "sweep"]
+def laid_out(rows: ArrayLike) -> Array:
+    """Rows padded with copies of the first to a multiple of the number of devices, and split between them."""
+    rows, devices = as_float_array(rows), np.asarray(jax.devices())
+    padding = jnp.broadcast_to(rows[:1], (-len(rows) % len(devices), *rows.shape[1:]))
+    layout = NamedSharding(Mesh(devices, ("rows",)), PartitionSpec("rows"))
+    return jax.device_put(jnp.concatenate([rows, padding]), layout)
+
+
+__all__ = ["Sweep", "laid_out", "sweep"]

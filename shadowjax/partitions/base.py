@@ -1,7 +1,6 @@
 """What a partition is: several grids of light rays, and the rule that chooses one or mixes some for each point."""
 
 from abc import abstractmethod
-from typing import Self
 
 import equinox as eqx
 
@@ -15,7 +14,7 @@ from shadowjax.rays.ray_grid import RayGrid
 class Partition(eqx.Module):
     """Splits what a light must cover into regions, each with a shadow map of its own."""
 
-    def placed(self, mesh: Mesh, light: Light, camera: Camera) -> Self:
+    def placed(self, mesh: Mesh, light: Light, camera: Camera) -> "Partition":
         """This partition with what it reads off the scene and the view fixed; itself where there is nothing to fix.
 
         A technique places its partition once, then asks it for grids and, later, for the region of each point.

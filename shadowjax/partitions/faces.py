@@ -22,6 +22,9 @@ THINNEST = 1e-4
 FARTHEST_CENTRE = 8.0  # lengths of a face behind it at which the centre of its warp stops following the face's axis
 
 
+Numbers = Float[Array, "..."]
+
+
 class Faces(Partition):
     """One map for each side face of the camera's frustum through which rays enter at their least depth.
 
@@ -89,7 +92,7 @@ def faces_that_apply(camera: Camera, light: DirectionalLight) -> Bool[Array, "4"
     return _applies(light_space(light, camera.forward, zero, zero + 1), camera)
 
 
-def face_near_distance(low: Scalar, start: Scalar, length: Scalar, near: Scalar, far: Scalar) -> Scalar:
+def face_near_distance(low: Numbers, start: Numbers, length: Numbers, near: Numbers, far: Numbers) -> Numbers:
     """n' of least worst z error of a side face, counted from its map's lowest line.
 
     Across the face the pixel beam is n wide up to `start` and grows linearly to f at `length`, while texels grow with
@@ -109,7 +112,7 @@ def face_near_distance(low: Scalar, start: Scalar, length: Scalar, near: Scalar,
     root = jnp.sqrt(far) - jnp.sqrt(near)
     equalising = (extent * jnp.sqrt(near) - offset * jnp.sqrt(far)) / root
     slack = extent - 2 * offset
-    largest = 1e6 * extent
+    largest = extent * (4 / float(jnp.finfo(extent.dtype).eps))  # the uniform map to the last bit
     minimum = jnp.where(slack > 0, offset * extent / jnp.maximum(slack, offset * extent / largest), largest)
     return jnp.minimum(jnp.maximum(equalising, minimum), largest)
 

@@ -1,7 +1,7 @@
 """Slices of the view in depth (cascades), each with a map of its own: rules, choice by point, blending at seams."""
 
 import math
-from typing import Any, Self
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -115,7 +115,7 @@ class ZSplit(Partition):
         weight = camera.gamma(light.direction) / (math.pi / 2)
         return iterate_adaptive(near, far, weight, jnp.broadcast_to(ratio, (k - 1,)), 0.25)
 
-    def placed(self, mesh: Mesh, light: Light, camera: Camera) -> Self:
+    def placed(self, mesh: Mesh, light: Light, camera: Camera) -> "ZSplit":
         """With the planes of this scene and view as `cuts`."""
         planes = self.planes(mesh, light, camera)
         return eqx.tree_at(lambda p: p.cuts, self, planes, is_leaf=lambda x: x is None)

@@ -46,7 +46,8 @@ class PerspectiveWarp(Warp):
             axis: Direction in which texels grow: away from the camera.
 
         Raises:
-            ValueError: If the points lie on one line, which no map can cover (a camera inside the light's plane).
+            ValueError: If the points lie on one line, which no map can cover (a camera inside the light's plane), or
+                the strength is negative or not finite.
         """
         return cls(*trapezium(points, strength, axis))
 
@@ -87,6 +88,9 @@ def trapezium(
     """
     direction = normalize(jnp.asarray(axis, dtype=points.dtype))
     strength = as_float_array(strength, points.dtype)
+    strength = require_value(
+        strength, (strength >= 0) & jnp.isfinite(strength), "n' must be positive: its strength 1/n' finite and ≥ 0"
+    )
     along, across = components(points, direction)
     lowest, middle = jnp.min(along), (jnp.min(across) + jnp.max(across)) / 2
     along, across = along - lowest, across - middle

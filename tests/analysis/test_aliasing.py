@@ -49,28 +49,39 @@ def test_closed_form_is_the_derivative_of_the_map_for_600_views():
 cut = jax.jit(jax.vmap(measure.beams))
 
 
-@pytest.mark.parametrize("rows", [300.0, 1200.0])
-def test_beams_agree_to_the_stated_second_order(rows):
-    """m of cut beams is eq. 12 times (1 − h² …)/(1 − (W z'/(2 res n' f'))²), both corrections known exactly."""
-    frusta = random_frusta(COUNT, largest=3)
+def test_beams_agree_to_the_stated_second_order():
+    """m of cut beams is eq. 12 times (1 − h² …)/(1 − (W z'/(2 res n' f'))²), both corrections known exactly.
+
+    Views with f/n from 1.01 to 10⁶, γ at its corner cases, any n', depth and angle, 64 to 4096 rows of image and map.
+    """
+    frusta = random_frusta(2 * COUNT)
     distance, depth, slope = random_points(frusta)
     distance = jnp.maximum(distance, 0.05 * frusta.extent)
-    angle = frusta.gamma * 0 + 1.2
-    full = jnp.full(COUNT, rows)
-    found = cut(frusta, distance, depth, slope, angle, full, full)
+    rng = np.random.default_rng(8)
+    angle = jnp.asarray(rng.uniform(0.3, np.pi - 0.3, 2 * COUNT))
+    rows = [jnp.asarray(np.round(2 ** rng.uniform(6, 12, 2 * COUNT))) for _ in range(2)]
+    found = cut(frusta, distance, depth, slope, angle, *rows)
     view = jnp.arctan(slope)
-    perspective = prediction.error_z(frusta, distance, depth, slope * depth) / jnp.cos(view)
+    ratio = rows[0] / rows[1]
+    perspective = prediction.error_z(frusta, distance, depth, slope * depth, ratio) / jnp.cos(view)
     m12 = aliasing.aliasing(
-        perspective, jnp.ones(COUNT), jnp.abs(jnp.sin(angle - view)), jnp.abs(jnp.sin(angle + frusta.gamma))
+        perspective, jnp.ones(2 * COUNT), jnp.abs(jnp.sin(angle - view)), jnp.abs(jnp.sin(angle + frusta.gamma))
     )
     high = distance + frusta.offset(depth, slope * depth)
-    texel = 1 - (frusta.extent * high / (2 * rows * distance * (distance + frusta.extent))) ** 2
-    pixel = 1 - (frusta.tan_y / rows * jnp.cos(angle) / (jnp.sin(angle) - slope * jnp.cos(angle))) ** 2
+    texel = 1 - (frusta.extent * high / (2 * rows[1] * distance * (distance + frusta.extent))) ** 2
+    pixel = 1 - (frusta.tan_y / rows[0] * jnp.cos(angle) / (jnp.sin(angle) - slope * jnp.cos(angle))) ** 2
     clear = (jnp.abs(jnp.sin(angle - view)) > 0.2) & (jnp.abs(jnp.sin(angle + frusta.gamma)) > 1e-3)
-    assert int(clear.sum()) > 500
     keep = lambda x: np.asarray(x)[np.asarray(clear)]  # noqa: E731
-    np.testing.assert_allclose(keep(found.aliasing), keep(m12 * pixel / texel), rtol=1e-8)
-    assert np.max(np.abs(keep(found.aliasing / m12) - 1)) < 150 / rows**2
+    assert keep(frusta.far / frusta.near).max() > 3e5
+    assert len(keep(angle)) > 500
+    # the two sides of a texel differ by 1/rows of positions as large as f + n' + W: their difference loses that much
+    lost = 1e-13 * rows[1] * (frusta.far + distance + frusta.extent) / (depth * jnp.minimum(frusta.tan_y, 1))
+    error = jnp.abs(found.aliasing / (m12 * pixel / texel) - 1)
+    print(np.max(keep(error)), np.max(keep(error / lost)), np.sort(keep(error / lost))[-10:])
+    assert (keep(error) < 1e-10 + keep(lost)).all()
+    assert (keep(lost) < 1e-6).mean() > 0.9
+    small = jnp.minimum(rows[0], rows[1])
+    assert np.max(keep(jnp.abs(found.aliasing / m12 - 1) * small**2)) < 150
 
 
 def test_largest_errors_are_at_the_near_or_far_plane():
