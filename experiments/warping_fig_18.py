@@ -141,8 +141,8 @@ def claims(result: Result) -> tuple[Claim, ...]:
     touches = [np.allclose(edge.min(axis=0), 0, atol=1e-12) and np.allclose(edge.max(axis=0), 1) for edge in edges]
     found = area(result.mapped_pillars) / area(result.pillars)
     nearest = [density[: config.num_pillars].argmax() == 0 for density in found[1:]]
-    flat = np.cross(result.world_lines[:, :, 20] - result.world_lines[:, :, 0],
-                    result.world_lines[:, :, 40] - result.world_lines[:, :, 0])  # fmt: skip
+    first, last = (result.world_lines[:, :, at] - result.world_lines[:, :, 0] for at in (20, 40))
+    bend = first[..., 0] * last[..., 1] - first[..., 1] * last[..., 0]
     return (
         all_true("the view touches all four sides of the map", touches, "maps"),
         agrees("the view fills (1 + n f'/(f n'))/2 of the map", share, (1 + near / far * stretch) / 2, 1e-12),
@@ -153,7 +153,7 @@ def claims(result: Result) -> tuple[Claim, ...]:
                4 * PILLAR**2),
         agrees("uniform: all pillars keep their proportions", found[0], found[0, 0], 1e-12),
         all_true("with a warp the nearest pillar of a row is enlarged most", nearest, "maps"),
-        all_true("texel lines stay straight", np.abs(flat) < 1e-9 * far**2, "lines"),
+        all_true("texel lines stay straight", np.abs(bend) < 1e-9 * far**2, "lines"),
         agrees("back from the map every pillar is where it was", result.again[..., 1],
                np.broadcast_to(result.pillars[..., 1], result.again[..., 1].shape), 1e-12),
     )  # fmt: skip
