@@ -114,7 +114,7 @@ def test_claims_from_numbers_can_fail():
 
 def test_a_refined_maximum_is_the_maximum():
     at, value = refined_largest(lambda x: 3 - (x - 0.123456) ** 2, -1.0, 2.0)
-    assert at == pytest.approx(0.123456, abs=1e-8)
+    assert at == pytest.approx(0.123456, abs=1e-7)  # values around a maximum agree to the root of a rounding
     assert value == pytest.approx(3.0, abs=1e-15)
     assert refined_largest(lambda x: x, 0.0, 2.0) == (2.0, 2.0)
 
