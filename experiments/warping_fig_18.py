@@ -9,7 +9,7 @@ Measured: outlines are put through the package's warp, and areas are those of th
 map that the view fills is (1 + n f'/(f n'))/2, the depth in the map's middle row is the harmonic mean of n' and f', and
 a small pillar's area over its area in the world is the derivative of the warp.
 
-How to read it: every tenth texel line is drawn; the eye is at the bottom.
+How to read it: grey lines are rows and columns of the map, a few of many; the eye is at the bottom.
 """
 
 import math
