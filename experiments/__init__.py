@@ -9,6 +9,18 @@ from experiments import (
     mdsm_fig_5_3,
     mdsm_fig_5_4,
     mdsm_figs_4_7_to_4_11,
+    warping_aliasing_maps,
+    warping_errata,
+    warping_fig_18,
+    warping_fig_19,
+    warping_fig_20,
+    warping_fig_22,
+    warping_fig_23,
+    warping_fig_26,
+    warping_fig_27,
+    warping_partitions_needed,
+    warping_published_and_optimal,
+    warping_when_a_warp_hurts,
 )
 from experiments.base import Claim, Experiment, Outcome, Unsuitable, perform
 from experiments.settings import default_path, read_config
@@ -20,6 +32,18 @@ EXPERIMENTS: dict[str, Experiment] = {
     "mdsm_fig_5_3": mdsm_fig_5_3,
     "mdsm_fig_5_4": mdsm_fig_5_4,
     "mdsm_cost_5_6_to_5_8": mdsm_cost_5_6_to_5_8,
+    "warping_fig_18": warping_fig_18,
+    "warping_fig_19": warping_fig_19,
+    "warping_fig_20": warping_fig_20,
+    "warping_fig_22": warping_fig_22,
+    "warping_fig_23": warping_fig_23,
+    "warping_fig_26": warping_fig_26,
+    "warping_fig_27": warping_fig_27,
+    "warping_partitions_needed": warping_partitions_needed,
+    "warping_published_and_optimal": warping_published_and_optimal,
+    "warping_when_a_warp_hurts": warping_when_a_warp_hurts,
+    "warping_errata": warping_errata,
+    "warping_aliasing_maps": warping_aliasing_maps,
 }
 
 

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from experiments.pictures import CloseUp
 from shadowjax.plotting import PALETTE, new_figure, show_image, styled
+from shadowjax.plotting.style import MUTED
 
 FRAMES = (PALETTE[0], PALETTE[1], PALETTE[2])
 
@@ -17,6 +18,25 @@ def empty_figure(width: float, height: float) -> Figure:
     figure, _ = new_figure(width, height)
     figure.clear()
     return figure
+
+
+def mark_x(spot: Axes, x: float, text: str, align: str = "left", top: float = 0.98, color: str = MUTED) -> None:
+    """A dashed vertical line with its name along it.
+
+    Args:
+        spot: Where to draw.
+        x: Position.
+        text: The name.
+        align: The side of the line on which the name stands, "left" or "right" of it.
+        top: Height at which the name ends, as a share of the axes.
+        color: Of line and name.
+    """
+    spot.axvline(x, color=color, linewidth=1.0, linestyle=(0, (4, 3)), zorder=0)
+    aside, anchor = (-3, "right") if align == "left" else (3, "left")
+    spot.annotate(
+        text, (x, top), (aside, 0), xycoords=("data", "axes fraction"), textcoords="offset points", va="top", ha=anchor,
+        rotation=90, fontsize=7.5, color=color,
+    )  # fmt: skip
 
 
 def outline(spot: Axes, part: CloseUp, image: np.ndarray, color: str) -> None:

@@ -27,11 +27,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.base import Claim
 from experiments.fragment_cost import BLOCK, NINE, SETUPS, SIXTEEN, TWO, count_reads, measure
+from experiments.layout import mark_x
 from shadowjax._checks import require, require_int
 from shadowjax.analysis.cost import (
     crossover_fragments,
@@ -236,9 +236,9 @@ def draw(result: Result) -> Figure:
         middle.plot(thousands, milliseconds, marker, color=color, markersize=4.5)
         right.plot(thousands[close], milliseconds[close], color=color, marker=marker, markersize=4.5, linewidth=1.2)
     size = round(result.texels**0.5)
-    for name, anchor in ((NINE, "right"), (SIXTEEN, "right")):
+    for name in (NINE, SIXTEEN):
         crossover = float(crossover_fragments(size, size, NEIGHBOURS, SETUPS[name][0] ** 2 - 4))
-        _mark(left, crossover / 1e3, f"pays above {crossover:.0f}\nagainst {name}", anchor)
+        mark_x(left, crossover / 1e3, f"pays above {crossover:.0f}\nagainst {name}")
     label(left, "fragments (thousands)", "depth fetches (millions)", "Counted, on eqs 5.3 and 5.5")
     label(middle, "fragments (thousands)", "processor time (ms)", "Measured on this machine")
     label(right, "fragments (thousands)", "processor time (ms)", "Measured, near the origin")
@@ -251,12 +251,3 @@ def draw(result: Result) -> Figure:
     handles, names = left.get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=3)
     return figure
-
-
-def _mark(spot: Axes, x: float, text: str, align: str) -> None:
-    """A vertical line with a name."""
-    spot.axvline(x, color="#5c6575", linewidth=1.0, linestyle=(0, (4, 3)), zorder=0)
-    spot.annotate(
-        text, (x, 0.98), (-4, 0), xycoords=("data", "axes fraction"), textcoords="offset points", va="top", ha=align,
-        rotation=90, fontsize=7.5, color="#5c6575",
-    )  # fmt: skip

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
@@ -135,3 +136,21 @@ def test_a_detail_without_a_shadow_edge_exits_2(tmp_path, capsys):
     path.write_text(f"{quick}\ndetail = [0.1, 0.1, 0.05]\n")
     assert main(["mdsm_fig_5_2", "--config", str(path), "--out", str(tmp_path)]) == 2
     assert "the detail shows no shadow edge" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "told"),
+    [
+        ("warping_fig_19", {"near": 0.0}, "0 < near < far; got 0.0 and 100.0"),
+        ("warping_fig_19", {"rows": 32}, "rows must exceed far/(2·near); got 32"),
+        ("warping_fig_20", {"phi_deg": 90.0}, "strictly between 0 and 90; got 90.0"),
+        ("warping_fig_23", {"gammas_deg": (90.0, 91.0)}, "must lie in [0, 90]; got 91.0"),
+        ("warping_fig_26", {"partitions": (2, 1)}, "partitions must begin with 1"),
+        ("warping_fig_27", {"gamma_deg": 24.0}, "gamma_deg must lie below phi_deg; got 24.0"),
+        ("warping_partitions_needed", {"factor": 1.0}, "nothing beats the least possible; got 1.0"),
+        ("warping_aliasing_maps", {"resolution": 65}, "resolution must be even; got 65"),
+    ],
+)
+def test_settings_of_views_are_checked(name, settings, told):
+    with pytest.raises(ValueError, match=re.escape(told)):
+        find(name).Config(**settings)

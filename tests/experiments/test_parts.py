@@ -10,10 +10,12 @@ import pytest
 
 import experiments
 from experiments.base import Claim, plain
+from experiments.claiming import agrees, all_true, at_most, equals
 from experiments.edge_maps import FAR, NEAR, POLICIES, detected, edge_texels, lone_texel, occluder_maps
 from experiments.ideal_edge import edge_reach, spot_visibility
 from experiments.mdsm_cost_5_6_to_5_8 import slope_of
 from experiments.pictures import CloseUp, close_up
+from experiments.warped_views import refined_largest
 from shadowjax.filters.hard import Hard
 from shadowjax.filters.pcf import PercentageCloser
 from shadowjax.geometry import scenes
@@ -96,6 +98,25 @@ def test_plain_values_are_json():
         "2": [[0, 1, 2], {"name": "c", "holds": True, "value": "v", "expected": "e"}],
         "n": None,
     }
+
+
+def test_claims_from_numbers_can_fail():
+    assert agrees("a", [1.0, 2.0], [1.0, 2.0 + 1e-9], 1e-9).holds
+    assert not agrees("a", [1.0, 2.0], [1.0, 2.1], 1e-3).holds
+    assert not agrees("a", [np.nan], [1.0], 1.0).holds
+    assert equals("a", 3.0, 3.0).holds
+    assert not equals("a", 3.0, 3.0001).holds
+    assert at_most("a", [1.0, 2.0], 2.0).holds
+    assert not at_most("a", [1.0, 2.1], 2.0).holds
+    assert all_true("a", [True, True], "cases").value == "2 cases"
+    assert not all_true("a", [True, False], "cases").holds
+
+
+def test_a_refined_maximum_is_the_maximum():
+    at, value = refined_largest(lambda x: 3 - (x - 0.123456) ** 2, -1.0, 2.0)
+    assert at == pytest.approx(0.123456, abs=1e-7)  # values around a maximum agree to the root of a rounding
+    assert value == pytest.approx(3.0, abs=1e-15)
+    assert refined_largest(lambda x: x, 0.0, 2.0) == (2.0, 2.0)
 
 
 def test_every_module_of_a_figure_is_registered_and_documented():

@@ -35,7 +35,9 @@ def kernel_environment(monkeypatch):
 
 
 def test_the_notebooks_are_found():
-    assert {path.stem for path in NOTEBOOKS} >= {"from_scratch", "multi_depth", "differentiability"}
+    found = {path.stem for path in NOTEBOOKS}
+    assert found >= {"from_scratch", "multi_depth", "differentiability"}
+    assert found >= {"texel_grid", "one_slider", "how_many_cascades", "derive_near_distance"}
 
 
 @pytest.mark.slow
