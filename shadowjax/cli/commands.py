@@ -133,22 +133,36 @@ def compare(chosen: options.Compare) -> int:
     from shadowjax.report.advisor import bytes_text
     from shadowjax.techniques import TECHNIQUES
 
+    names = tuple(chosen.techniques or TECHNIQUES)
+    if chosen.presets:
+        from shadowjax.presets import PRESETS
+
+        names += tuple(name for preset in PRESETS if (name := f"preset:{preset}") not in names)
+    if chosen.pareto is not None:
+        require(chosen.pareto.lower().endswith(".png"), f"--pareto writes a PNG: {chosen.pareto} must end in .png")
+        io.output_folder(Path(chosen.pareto).parent)
     picture, caster = chosen.picture, _caster(chosen.picture)
     scene = open_scene(chosen.scene, chosen.setting, picture)
     with Steps("compare") as steps:
         records = run_compare(
-            scene, chosen.techniques or tuple(TECHNIQUES), width=picture.width, height=picture.height,
+            scene, names, width=picture.width, height=picture.height,
             resolution=picture.resolution, samples_per_axis=picture.samples, caster=caster, progress=steps,
         )  # fmt: skip
+    if chosen.pareto is not None:
+        from shadowjax.plotting import figure_png
+        from shadowjax.plotting.pareto import pareto
+
+        io.write_bytes(chosen.pareto, figure_png(pareto(records, f"{scene.name}, maps of {picture.resolution}²")))
     if _write_json(chosen.json, [record.to_json() for record in records]):
         return 0
     columns = (
-        "technique", "light error", "RMS error", "false light", "false shadow", "tones", "of", "memory", "build ms",
-        "lookup ms",
+        "technique", "light error", "RMS error", "false light", "false shadow", "bleed", "edges off", "tones", "of",
+        "memory", "build ms", "lookup ms",
     )  # fmt: skip
     rows = [
         (r.technique, f"{100 * r.light_rmse:.2f} %", f"{r.rmse:.4f}", f"{100 * r.false_lit:.2f} %",
-         f"{100 * r.false_shadow:.2f} %", r.tones, "∞" if r.tones_bound is None else r.tones_bound,
+         f"{100 * r.false_shadow:.2f} %", f"{100 * r.bleed:.2f} %", f"{r.edge_distance:.2f} px",
+         r.tones, "∞" if r.tones_bound is None else r.tones_bound,
          bytes_text(r.map_bytes), f"{r.build_ms:.1f}", f"{r.visibility_ms:.1f}")
         for r in sorted(records, key=lambda record: record.light_rmse)
     ]  # fmt: skip
@@ -184,6 +198,30 @@ def verify(chosen: options.Verify) -> int:
     for result in failed:
         print(f"shadowjax: {result.id} ({result.source}) failed", file=sys.stderr)
     return 1 if failed else 0
+
+
+def presets(chosen: options.Presets) -> int:
+    """List the presets, or show one."""
+    from shadowjax.presets import PRESETS, preset
+
+    if chosen.name is not None:
+        one = preset(chosen.name)
+        if _write_json(chosen.json, one.to_json()):
+            return 0
+        rows = [
+            (p.name, _short(list(p.value) if isinstance(p.value, tuple) else p.value), p.unit,
+             "" if p.verified else "unverified", p.here)
+            for p in one.parameters
+        ]  # fmt: skip
+        show_table(f"{one.engine}: {one.description}", ("parameter", "value", "unit", "", "here"), rows)
+        for missing in one.missing:
+            say(f"no counterpart: {missing}")
+        return 0
+    if _write_json(chosen.json, [one.to_json() for one in PRESETS.values()]):
+        return 0
+    rows = [(one.name, one.engine, f"{one.resolution}²", one.description) for one in PRESETS.values()]
+    show_table("presets", ("name", "engine", "maps", "what it is"), rows, numeric=(2,))
+    return 0
 
 
 def scenes(chosen: options.Scenes) -> int:
@@ -257,6 +295,7 @@ _RUN = {
     options.Compare: compare,
     options.Verify: verify,
     options.Scenes: scenes,
+    options.Presets: presets,
     options.NearDistance: near_distance,
     options.Splits: splits,
 }

@@ -23,6 +23,7 @@ COMMANDS: Mapping[str, type] = {
     "optimize near-distance": options.NearDistance,
     "optimize splits": options.Splits,
     "scenes": options.Scenes,
+    "presets": options.Presets,
 }
 
 _Options = TypeVar("_Options")

@@ -112,7 +112,11 @@ class Compare:
     scene: Positional[Annotated[str, arg(metavar="SCENE")]] = DEFAULT_SCENE
     """Name of a built-in scene, or a mesh file."""
     techniques: Techniques = ()
-    """Techniques to compare; all by default."""
+    """Techniques to compare, or presets of engines as preset:NAME; all techniques by default."""
+    presets: bool = False
+    """Whether to compare every preset besides."""
+    pareto: Annotated[str | None, _FILE] = None
+    """PNG file to write, or to replace: error against memory and time, the best joined by a line."""
     json: Annotated[str | None, _FILE] = None
     """File for the records, one for each technique; `-` writes to standard output and nothing else there."""
     config: Annotated[str | None, _FILE] = None
@@ -129,6 +133,16 @@ class Verify:
     """Sources (such as mdsm), equations, or beginnings of their names; all by default."""
     json: Annotated[str | None, _FILE] = None
     """File for the results; `-` writes to standard output and nothing else there."""
+
+
+@dataclass(frozen=True)
+class Presets:
+    """Parameter sets of engines: list them, or show one."""
+
+    name: Positional[Annotated[str | None, arg(metavar="NAME")]] = None
+    """One preset, with all its parameters; the list of all if left out."""
+    json: Annotated[str | None, _FILE] = None
+    """File for what is shown; `-` writes to standard output and nothing else there."""
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from shadowjax.filters.multi_depth import DepthPolicy, MultiDepth, Neighbourhood
 from shadowjax.filters.pcf import PercentageCloser
 from shadowjax.geometry.scenes import Scene
 from shadowjax.maps.shadow_map import ShadowMap
+from shadowjax.presets import named_technique
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import default_caster
 from shadowjax.report.advisor import Advice, Choice, advise
@@ -164,7 +165,7 @@ def collect(
     """
     caster = default_caster() if caster is None else caster
     announce = progress or (lambda step: None)
-    techniques = [make_technique(name, settings.resolution, caster) for name in settings.techniques]
+    techniques = [named_technique(name, settings.resolution, caster) for name in settings.techniques]
     announce("exact shadow by a ray for every pixel")
     view = look(scene, settings.width, settings.height, caster, settings.samples)
 
