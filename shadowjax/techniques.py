@@ -15,7 +15,11 @@ from shadowjax._types import Array, Float, Points
 from shadowjax.filters.base import Filter, Lookup
 from shadowjax.filters.bias import Bias, BiasRule, plane_gradient, texel_size
 from shadowjax.filters.bias_kinds import BiasSum, ReceiverPlane
+from shadowjax.filters.convolution import Convolution, MeanDepthConvolution
+from shadowjax.filters.exponential import Exponential
+from shadowjax.filters.exponential_variance import ExponentialVariance
 from shadowjax.filters.hard import Hard
+from shadowjax.filters.moment import Moments
 from shadowjax.filters.multi_depth import MultiDepth, Neighbourhood, Ring
 from shadowjax.filters.pcf import BilinearPercentageCloser, PercentageCloser
 from shadowjax.filters.variance import Variance
@@ -241,6 +245,15 @@ TECHNIQUES: dict[str, Callable[..., Technique]] = {
     "pcf-bilinear": _mapping(lambda: BilinearPercentageCloser(1)),
     "pcf-bilinear-3x3": _mapping(lambda: BilinearPercentageCloser(3)),
     "vsm": _mapping(lambda: Variance(bleed_low=0.2)),
+    "esm": _mapping(Exponential),
+    "esm-threshold": _mapping(lambda: Exponential(fallback="threshold")),
+    "esm-z-max": _mapping(lambda: Exponential(fallback="z-max")),
+    "evsm2": _mapping(lambda: ExponentialVariance(negative=None)),
+    "evsm4": _mapping(ExponentialVariance),
+    "msm-hamburger": _mapping(Moments),
+    "msm-hausdorff": _mapping(lambda: Moments("hausdorff")),
+    "csm": _mapping(Convolution),
+    "xcsm": _mapping(MeanDepthConvolution),
     "2sm-max": _mapping(lambda: MultiDepth(Neighbourhood("max"))),
     "2sm-min": _mapping(lambda: MultiDepth(Neighbourhood("min"))),
     "3sm": _mapping(lambda: MultiDepth(Neighbourhood("min-max"))),

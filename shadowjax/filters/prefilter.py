@@ -1,5 +1,6 @@
 """How encoded maps are blurred when they are made and averaged when they are read."""
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -39,13 +40,22 @@ class Prefilter(eqx.Module):
         """Blur planes that reach `radius` texels beyond the map on every side."""
         return blur(planes, kernel_weights(self.kernel, self.size, self.sigma))
 
-    def read(self, prepared: Any, lookup: Lookup) -> list[Float[Array, "*points"]]:
-        """The averaged value of every plane at each receiver. What lies outside the map repeats its edge."""
+    def read(
+        self, prepared: Any, lookup: Lookup, each: Callable[[Array], Array] | None = None
+    ) -> list[Float[Array, "*points"]]:
+        """The averaged value of every plane at each receiver. What lies outside the map repeats its edge.
+
+        Args:
+            prepared: From `prepare`.
+            lookup: Receivers.
+            each: Applied to every number read, before the average; None for no change.
+        """
         border = "clamp" if lookup.border == "lit" else lookup.border
         if self.sampling == "nearest":
             col, row = texel_index(lookup.position[..., 0]), texel_index(lookup.position[..., 1])
-            return read_texels(prepared, col, row, border)
-        return read_bilinear_apart(prepared, lookup.position, border)
+            values = read_texels(prepared, col, row, border)
+            return values if each is None else [each(value) for value in values]
+        return read_bilinear_apart(prepared, lookup.position, border, each)
 
     @property
     def radius(self) -> int:

@@ -1,5 +1,7 @@
 """Reading maps: nearest and bilinear, with explicit behaviour outside the map."""
 
+from collections.abc import Callable
+
 import jax.numpy as jnp
 
 from shadowjax._checks import require_choice
@@ -100,15 +102,26 @@ def read_bilinear(
 
 
 def read_bilinear_apart(
-    planes: Float[Array, "n rows cols"], position: Float[Array, "*points 2"], border: str = "clamp"
+    planes: Float[Array, "n rows cols"],
+    position: Float[Array, "*points 2"],
+    border: str = "clamp",
+    each: Callable[[Array], Array] | None = None,
 ) -> list[Float[Array, "*points"]]:
-    """As `read_bilinear`, one array for each plane: nothing has to be copied together."""
+    """As `read_bilinear`, one array for each plane: nothing has to be copied together.
+
+    Args:
+        planes: Maps of one size.
+        position: (x, y) in texels, centres at +½.
+        border: See `read_texels`.
+        each: Applied to every texel read, before the mean; None for no change.
+    """
     col, row, right, down = bilinear_weights(position)
     results = [jnp.zeros(position.shape[:-1], planes.dtype) for _ in planes]
     for d_row, row_weight in ((0, 1 - down), (1, down)):
         for d_col, col_weight in ((0, 1 - right), (1, right)):
             weight = row_weight * col_weight
             values = read_texels(planes, col + d_col, row + d_row, border)
+            values = values if each is None else [each(value) for value in values]
             results = [result + value * weight for result, value in zip(results, values, strict=True)]
     return results
 

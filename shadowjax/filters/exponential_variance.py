@@ -1,0 +1,130 @@
+"""Exponential variance shadow maps: Chebyshev's bound on exponentially warped depths, from two or four moments."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from shadowjax._checks import require
+from shadowjax._types import Array, Float
+from shadowjax.filters.encoded import Encoded, Values
+from shadowjax.filters.exponential import check_exponent
+from shadowjax.filters.prefilter import Prefilter
+from shadowjax.filters.variance import _chebyshev, check_step, linear_step, surface_slopes
+
+Numbers = Float[Array, "*points"]
+
+
+def warp_depth(depth: Float[Array, "*shape"], exponent: float) -> Float[Array, "*shape"]:
+    """e^(c(2z−1)) for positive c, −e^(c(2z−1)) for negative c: rising in z either way.
+
+    Args:
+        depth: z in [0, 1].
+        exponent: c; a positive one stretches far depths, a negative one near depths.
+
+    Source: Lauritzen and McCool 2008, "Layered Variance Shadow Maps", section 7; c₋ with its sign.
+    """
+    warped = jnp.exp(exponent * (2 * depth - 1))
+    return warped if exponent > 0 else -warped
+
+
+def warped_moments(
+    depth: Float[Array, "rows cols"], exponent: float, footprint: float, slope_limit: float
+) -> Float[Array, "2 rows cols"]:
+    """First and second moment of the warped depth inside each texel.
+
+    The planar term of eq. 2.9 is carried through the warp: its slope is 2|c|·|warped| times that of depth.
+    """
+    warped = warp_depth(depth, exponent)
+    across, down = surface_slopes(depth, slope_limit)
+    spread = footprint * (2 * exponent) ** 2 * (across * across + down * down)
+    return jnp.stack([warped, warped * warped * (1 + spread)])
+
+
+def warped_bound(values: Values, depth: Numbers, exponent: float, min_variance: float) -> Numbers:
+    """Chebyshev's bound on visibility from two moments of depths warped with one exponent.
+
+    Args:
+        values: Averaged moments.
+        depth: Receiver's depth in [0, 1].
+        exponent: c of the warp.
+        min_variance: Least variance of *depth*, carried through the warp.
+    """
+    mean, square = values
+    receiver = warp_depth(depth, exponent)
+    least = min_variance * (2 * exponent) ** 2 * receiver * receiver
+    # Measured in units of the receiver's own warped depth, squares cannot overflow where the moments did not.
+    unit = jnp.abs(receiver)
+    variance = jnp.maximum(square - mean * mean, least) / (unit * unit)
+    return _chebyshev(mean / unit, variance, receiver / unit)
+
+
+class ExponentialVariance(Encoded):
+    """Exponential variance shadow maps: EVSM2 with a positive exponent alone, EVSM4 with both.
+
+    Attributes:
+        positive: c₊ > 0. Larger values bleed less between occluders; 2c₊ must fit the dtype (below 44.36 in float32).
+        negative: c₋ > 0, the magnitude of the second warp's exponent, or None for two moments only. The smaller of the
+            two bounds counts.
+        prefilter: How moments are averaged.
+        min_variance: Least variance of depth, in squares of the map's range.
+        bleed_low: Bound that becomes 0 (`linear_step`).
+        bleed_high: Bound that becomes 1.
+        footprint: E[x²] of a texel's footprint, texels² (see `depth_moments`).
+        slope_limit: Largest slope that counts in it, parts of the range per texel.
+    """
+
+    positive: float = eqx.field(static=True, default=40.0)
+    negative: float | None = eqx.field(static=True, default=5.0)
+    prefilter: Prefilter = Prefilter()
+    min_variance: float = eqx.field(static=True, default=1e-6)
+    bleed_low: float = eqx.field(static=True, default=0.0)
+    bleed_high: float = eqx.field(static=True, default=1.0)
+    footprint: float = eqx.field(static=True, default=0.25)
+    slope_limit: float = eqx.field(static=True, default=0.05)
+
+    def __check_init__(self):
+        for name, exponent in (("positive", self.positive), ("negative", self.negative)):
+            finite = exponent is None or (bool(np.isfinite(exponent)) and exponent > 0)
+            require(finite, f"{name} is the magnitude of an exponent, > 0; got {exponent}")
+        require(self.min_variance >= 0, f"min_variance must not be negative; got {self.min_variance}")
+        require(self.footprint >= 0, f"footprint is a mean square, ≥ 0; got {self.footprint}")
+        require(self.slope_limit >= 0, f"slope_limit must not be negative; got {self.slope_limit}")
+        check_step(self.bleed_low, self.bleed_high)
+
+    @property
+    def exponents(self) -> tuple[float, ...]:
+        """c₊, and −c₋ if there is one."""
+        return (self.positive,) if self.negative is None else (self.positive, -self.negative)
+
+    def check(self, dtype: Any) -> None:
+        """Second moments must be finite."""
+        for exponent in map(abs, self.exponents):
+            growth = 1 + self.footprint * (2 * exponent) ** 2 * 2 * self.slope_limit**2
+            check_exponent(exponent, dtype, 2, growth)
+
+    def encode(self, depth: Float[Array, "rows cols"]) -> Float[Array, "n rows cols"]:
+        """Two moments of each warp."""
+        moments = [warped_moments(depth, c, self.footprint, self.slope_limit) for c in self.exponents]
+        return jnp.concatenate(moments)
+
+    def decode(self, values: Values, depth: Numbers) -> Numbers:
+        """The smallest of the warps' bounds, its low end cut."""
+        # Nothing is stored outside [0, 1]: receivers before it are lit as at 0, those behind it as dark as at 1.
+        depth = jnp.clip(depth, 0.0, 1.0)
+        bound = warped_bound(values[:2], depth, self.exponents[0], self.min_variance)
+        if self.negative is not None:
+            bound = jnp.minimum(bound, warped_bound(values[2:], depth, self.exponents[1], self.min_variance))
+        return linear_step(bound, self.bleed_low, self.bleed_high)
+
+    @property
+    def num_planes(self) -> int:
+        """Two or four moments."""
+        return 2 * len(self.exponents)
+
+    @property
+    def bias_reach(self) -> float:
+        """Half a texel with c₊ alone: the mean of e^(cz) over a plane lies behind the receiver. With c₋ it lies before
+        it, and the bias must reach as far as the kernel."""
+        return 0.5 if self.negative is None else self.reach
