@@ -4,6 +4,7 @@ import math
 import os
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from shadowjax.cli.scene_choice import open_scene
 def run(chosen: Any) -> int:
     """Run the command whose options these are; the exit code."""
     _keep_compiled()
-    target = getattr(chosen, "json", None)
+    target = getattr(getattr(chosen, "search", chosen), "json", None)
     if target not in (None, "-"):  # complain before the work, not after it
         require(not Path(target).is_dir(), f"{target} is a folder; give --json the name of a file")
         io.output_folder(Path(target).parent)
@@ -253,7 +254,7 @@ def _optimized(path: str | None, content: dict[str, Any]) -> int:
 
 
 def _short(value: Any) -> str:
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return ", ".join(_short(one) for one in value)
     return f"{value:.8g}" if isinstance(value, float) else str(value)
 
@@ -280,6 +281,70 @@ def splits(chosen: options.Splits) -> int:
     return _optimized(chosen.json, content)
 
 
+def bias_search(chosen: options.BiasSearch) -> int:
+    """Search the bias of a technique's filter."""
+    from shadowjax.optimize.bias import best_bias
+    from shadowjax.techniques import ShadowMapping, make_technique
+
+    technique = make_technique(chosen.technique, chosen.search.resolution)
+    if not isinstance(technique, ShadowMapping):
+        raise ValueError(f"{chosen.technique} reads no map, so it has no bias; choose another technique")
+    with Steps("optimize bias") as steps:
+        views = _views(chosen.search, chosen.search.scenes, steps)
+        steps(f"biases of {chosen.technique} in {chosen.unit} units")
+        content = best_bias(views, technique.filter, chosen.unit).to_json()
+    return _optimized(chosen.search.json, content)
+
+
+def exponent_search(chosen: options.ExponentSearch) -> int:
+    """Search the numbers of an averaging filter."""
+    from shadowjax.optimize.exponent import best_numbers
+
+    with Steps("optimize exponent") as steps:
+        views = _views(chosen.search, chosen.search.scenes, steps)
+        test_views = _views(chosen.search, chosen.test_scenes, steps)
+        steps(f"numbers of {chosen.filter}")
+        found = best_numbers(views, chosen.filter, chosen.blur, chosen.evaluations, test_views)
+    content = found.to_json()
+    if chosen.search.json is None:  # a table has no room for nested values
+        content = {"filter": found.family, **found.numbers, "error": found.error, "default_error": found.default_error}
+        content |= {"gain": found.gain, "test_error": found.test_error, "test_default_error": found.test_default_error}
+    return _optimized(chosen.search.json, content)
+
+
+def taps_search(chosen: options.TapsSearch) -> int:
+    """Search extra depths, or learn offsets of taps."""
+    from shadowjax.optimize.taps import best_depths, best_taps
+
+    shared = sorted(set(chosen.search.scenes) & set(chosen.test_scenes))
+    require(not shared, f"--test-scenes must differ from --scenes; both have {', '.join(shared)}")
+    with Steps("optimize taps") as steps:
+        views = _views(chosen.search, chosen.search.scenes, steps)
+        test_views = _views(chosen.search, chosen.test_scenes, steps)
+        steps(f"search of {chosen.what}")
+        if chosen.what == "offsets":
+            found = best_taps(views, test_views, chosen.kernel_size, chosen.steps)
+        else:
+            found = best_depths(views, test_views, chosen.num_depths, chosen.kernel_size, chosen.what)
+    content = found.to_json()
+    if chosen.search.json is None and "published" in content:
+        content |= {f"error, test error of {name}": list(pair) for name, pair in content["published"].items()}
+    return _optimized(chosen.search.json, content)
+
+
+def _views(search: options.SearchOptions, names: Sequence[str], steps: Steps) -> tuple[Any, ...]:
+    """Scenes looked at, each with its map."""
+    from shadowjax.optimize.viewed import view_scene
+
+    picture = options.PictureOptions(search.width, search.height, 1, search.resolution)
+    scenes = [open_scene(name, options.SceneOptions(), picture) for name in names]
+    made = []
+    for scene in scenes:
+        steps(f"view of {scene.name}")
+        made.append(view_scene(scene, search.width, search.height, search.resolution, search.objective))
+    return tuple(made)
+
+
 def _angles(chosen: Any) -> tuple[float, float]:
     """φ and γ in radians, once all numbers are in range."""
     phi, gamma = chosen.phi_deg, chosen.gamma_deg
@@ -298,4 +363,7 @@ _RUN = {
     options.Presets: presets,
     options.NearDistance: near_distance,
     options.Splits: splits,
+    options.BiasSearch: bias_search,
+    options.ExponentSearch: exponent_search,
+    options.TapsSearch: taps_search,
 }

@@ -137,11 +137,11 @@ ALL: tuple[Preset, ...] = (
         "bgfx-vsm", "bgfx example 16", "variance map with a large least variance",
         (
             Parameter("map size", 2048, "texels"),
-            Parameter("least variance", 0.02, "", here="of the range²"),
-            Parameter("depth multiplier", (300.0,), "", here="not applied: there it makes the variance negative"),
+            Parameter("least variance", 0.02, "", here="0.02 / 300² of the range²: theirs counts multiplied depths"),
+            Parameter("depth multiplier", 300.0, "", here="not applied: there it makes the variance negative"),
         ),
         (),
-        _maker(Variance(min_variance=0.02), Bias.create(0.5, "slope")), 2048,
+        _maker(Variance(min_variance=0.02 / 300**2), Bias.create(0.5, "slope")), 2048,
     ),
     Preset(
         "bgfx-esm", "bgfx example 16", "exponential map with a very steep exponent",
