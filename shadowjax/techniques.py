@@ -9,19 +9,22 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from shadowjax._checks import require, require_int
+from shadowjax._checks import require, require_choice, require_int
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Float, Points
 from shadowjax.filters.base import Filter, Lookup
 from shadowjax.filters.bias import Bias, BiasRule, plane_gradient, texel_size
 from shadowjax.filters.bias_kinds import BiasSum, ReceiverPlane
+from shadowjax.filters.brabec_seidel import PropagatedNeighbours, Supersampled
 from shadowjax.filters.convolution import Convolution, MeanDepthConvolution
 from shadowjax.filters.exponential import Exponential
 from shadowjax.filters.exponential_variance import ExponentialVariance
 from shadowjax.filters.hard import Hard
+from shadowjax.filters.hierarchical_minimum import HierarchicalMinimum
 from shadowjax.filters.moment import Moments
 from shadowjax.filters.multi_depth import MultiDepth, Neighbourhood, Ring
 from shadowjax.filters.pcf import BilinearPercentageCloser, PercentageCloser
+from shadowjax.filters.pcss import ContactHardening
 from shadowjax.filters.variance import Variance
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
@@ -31,8 +34,9 @@ from shadowjax.partitions.base import Partition
 from shadowjax.partitions.whole import Whole
 from shadowjax.rays.brute import BruteForce
 from shadowjax.rays.caster import SURFACE_ROUNDINGS, Caster
-from shadowjax.rays.light_space import LightSpace, light_space
-from shadowjax.rays.ray_grid import RayGrid
+from shadowjax.rays.layers import LAYERS
+from shadowjax.rays.light_space import DirectionalSpace, LightSpace, light_space
+from shadowjax.rays.ray_grid import RayGrid, pixel_footprint
 
 
 class Shadows(eqx.Module):
@@ -74,7 +78,10 @@ class ShadowMapping(Technique):
         resolution: Texels along each side of every map, ≥ 1.
         partition: Regions of the light's plane, and the warp of each.
         caster: Fills the maps.
-        bias: Depth the test forgives; None takes the smallest slope bias that frees a plane of acne for this filter.
+        bias: Depth the test forgives; None takes the least slope bias that frees a plane of acne for this filter, and
+            none for layers behind the first.
+        layer: Which depth each ray keeps: "first"; "second", the next surface; "back", the first surface met from
+            behind, which is the second of closed bodies; "midpoint" of the first and the second.
     """
 
     filter: Filter = Hard()
@@ -82,15 +89,17 @@ class ShadowMapping(Technique):
     partition: Partition = Whole()
     caster: Caster = BruteForce()
     bias: BiasRule | None = None
+    layer: str = eqx.field(static=True, default="first")
 
     def __check_init__(self):
         require_int(self.resolution, "resolution", 1)
+        require_choice(self.layer, "layer", LAYERS)
 
     def build(self, mesh: Mesh, light: Light, camera: Camera) -> "MappedShadows":
         """Cast the maps and let the filter prepare them."""
-        grids = _grids(self.partition, mesh, light, camera, self.resolution)
-        maps = tuple(build_shadow_map(self.caster, mesh, grid) for grid in grids)
-        return _read_with(self.filter, self.partition, camera, maps, self.bias)
+        grids = _grids(self.partition, mesh, light, camera, self.resolution * self.filter.cast_factor)
+        maps = tuple(build_shadow_map(self.caster, mesh, grid, self.layer) for grid in grids)
+        return _read_with(self.filter, self.partition, camera, maps, self.bias, self.layer)
 
     @property
     def num_tones(self) -> int | None:
@@ -99,18 +108,25 @@ class ShadowMapping(Technique):
 
 
 def _read_with(
-    filter_: Filter, partition: Partition, camera: Camera, maps: tuple[ShadowMap, ...], bias: BiasRule | None
+    filter_: Filter,
+    partition: Partition,
+    camera: Camera,
+    maps: tuple[ShadowMap, ...],
+    bias: BiasRule | None,
+    layer: str,
 ) -> "MappedShadows":
     """Cast maps prepared for a filter, with the bias that frees a plane of acne for it where none is given."""
     if bias is None:
-        bias = Bias(jnp.asarray(filter_.bias_reach, maps[0].depth.dtype), "slope")
+        # Behind the first layer the stored depth lies behind lit surfaces anyway.
+        texels = filter_.bias_reach if layer == "first" else 0.0
+        bias = Bias(jnp.asarray(texels, maps[0].depth.dtype), "slope")
     require(
         filter_.compares or not _follows_plane(bias),
         f"a receiver-plane bias needs a filter that compares depths; {type(filter_).__name__} reads averages: give a "
         "Bias or a NormalOffset",
     )
     planes = tuple(_planes(filter_, shadow_map) for shadow_map in maps)
-    return MappedShadows(filter_, partition, camera, maps, planes, bias)
+    return MappedShadows(filter_, partition, camera, maps, planes, bias, layer)
 
 
 def _follows_plane(bias: BiasRule) -> bool:
@@ -139,6 +155,8 @@ class MappedShadows(Shadows):
         maps: One map for each region.
         planes: What the filter prepared from each map.
         bias: Depth the test forgives.
+        layer: Which depth the maps keep.
+        view: The grid of an image's pixels, for filters that average over a pixel's footprint; None without an image.
     """
 
     filter: Filter
@@ -147,6 +165,8 @@ class MappedShadows(Shadows):
     maps: tuple[ShadowMap, ...]
     planes: tuple[Any, ...]
     bias: BiasRule
+    layer: str = eqx.field(static=True, default="first")
+    view: RayGrid | None = None
 
     def visibility(self, points: Points, normals: Points) -> Float[Array, "*points"]:
         """Read the map of each point's region."""
@@ -160,8 +180,25 @@ class MappedShadows(Shadows):
         return jnp.where(facing, result, jnp.zeros_like(result))
 
     def with_filter(self, filter_: Filter, bias: BiasRule | None = None) -> "MappedShadows":
-        """The same maps read with another filter; its own default bias if none is given."""
-        return _read_with(filter_, self.partition, self.camera, self.maps, bias)
+        """The same maps read with another filter; its own default bias if none is given.
+
+        Raises:
+            ValueError: If the filter needs another number of rays a texel than were cast.
+        """
+        require(
+            filter_.cast_factor == self.filter.cast_factor,
+            f"{type(filter_).__name__} needs {filter_.cast_factor} rays a texel along an axis, but these maps have "
+            f"{self.filter.cast_factor}; build the technique anew",
+        )
+        return _read_with(filter_, self.partition, self.camera, self.maps, bias, self.layer)
+
+    def seen_by(self, view: RayGrid) -> "MappedShadows":
+        """The same shadows for an image: lookups know the footprint of its pixels, taken on the receiver's plane.
+
+        Args:
+            view: Rays of the image, such as `camera_grid(camera, width, height)`.
+        """
+        return eqx.tree_at(lambda s: s.view, self, view, is_leaf=lambda leaf: leaf is None)
 
     def lookup(self, shadow_map: ShadowMap, points: Points, normals: Points) -> Lookup:
         """Where points read one map, and the bias of each."""
@@ -170,10 +207,17 @@ class MappedShadows(Shadows):
         position, depth = grid.locate(forgiven.points)
         # On top of the chosen bias, forgive what rounding does to two computations of one depth.
         rounding = SURFACE_ROUNDINGS * jnp.finfo(points.dtype).eps * grid.far
-        gradient = plane_gradient(grid, points, normals) if forgiven.follows_plane else None
+        follows = forgiven.follows_plane or self.filter.follows_plane
         return Lookup(
-            position, depth, forgiven.depth + rounding, texel_size(grid, points), shadow_map.border, gradient=gradient
-        )  # fmt: skip
+            position,
+            depth,
+            forgiven.depth + rounding,
+            texel_size(grid, points),
+            shadow_map.border,
+            None if self.view is None else pixel_footprint(self.view, grid, points, normals),
+            isinstance(grid.space, DirectionalSpace),
+            plane_gradient(grid, points, normals) if follows else None,
+        )
 
     @property
     def map_bytes(self) -> int:
@@ -224,9 +268,10 @@ class ExactShadows(Shadows):
         return 0
 
 
-def _mapping(filter_: Callable[[], Filter]) -> Callable[..., Technique]:
+def _mapping(filter_: Callable[[], Filter], layer: str = "first") -> Callable[..., Technique]:
     def make(resolution: int = 512, caster: Caster | None = None, **options: Any) -> Technique:
-        return ShadowMapping(filter_(), resolution, caster=BruteForce() if caster is None else caster, **options)
+        caster = BruteForce() if caster is None else caster
+        return ShadowMapping(filter_(), resolution, caster=caster, **{"layer": layer, **options})
 
     return make
 
@@ -244,6 +289,12 @@ TECHNIQUES: dict[str, Callable[..., Technique]] = {
     "pcf-4x4": _mapping(lambda: PercentageCloser(4)),
     "pcf-bilinear": _mapping(lambda: BilinearPercentageCloser(1)),
     "pcf-bilinear-3x3": _mapping(lambda: BilinearPercentageCloser(3)),
+    "pcss": _mapping(ContactHardening),
+    "second-depth": _mapping(Hard, "second"),
+    "midpoint-depth": _mapping(Hard, "midpoint"),
+    "brabec-seidel": _mapping(Supersampled),
+    "brabec-seidel-propagated": _mapping(lambda: MultiDepth(PropagatedNeighbours())),
+    "hyper-z": _mapping(lambda: MultiDepth(HierarchicalMinimum())),
     "vsm": _mapping(lambda: Variance(bleed_low=0.2)),
     "esm": _mapping(Exponential),
     "esm-threshold": _mapping(lambda: Exponential(fallback="threshold")),

@@ -90,6 +90,11 @@ class Filter(eqx.Module):
         return True
 
     @property
+    def follows_plane(self) -> bool:
+        """Whether lookups must know the receiver's own plane (`Lookup.gradient`) whatever the bias."""
+        return False
+
+    @property
     def cast_factor(self) -> int:
         """Rays cast for each texel along an axis: 1, or more for filters that keep several samples a texel."""
         return 1

@@ -5,11 +5,15 @@ import jax.numpy as jnp
 from shadowjax._checks import require
 from shadowjax._types import Array, Float
 from shadowjax.filters.base import Filter, Lookup
-from shadowjax.filters.multi_depth import DepthPolicy, composite_attenuation, shifted
+from shadowjax.filters.hard import is_lit
+from shadowjax.filters.multi_depth import DepthPolicy, shifted
 from shadowjax.maps.sampling import read_texels, texel_index
 
 Depth = Float[Array, "rows cols"]
 Planes = Float[Array, "n rows cols"]
+
+# (row, column) of a texel's four samples among the cast cells, and of the neighbours that hand on their depth.
+CELLS = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
 def gather_samples(depth: Depth) -> Planes:
@@ -20,7 +24,7 @@ def gather_samples(depth: Depth) -> Planes:
     """
     rows, cols = depth.shape
     require(rows % 2 == 0 and cols % 2 == 0, f"blocks of 2 × 2 samples need even sides; got a map of {rows} × {cols}")
-    return jnp.stack([depth[i::2, j::2] for i in (0, 1) for j in (0, 1)])
+    return jnp.stack([depth[row::2, col::2] for row, col in CELLS])
 
 
 class Supersampled(Filter):
@@ -39,8 +43,12 @@ class Supersampled(Filter):
         """Share of the four samples that are lit."""
         position = lookup.position / self.cast_factor
         col, row = texel_index(position[..., 0]), texel_index(position[..., 1])
-        stored = jnp.stack(read_texels(planes, col, row, lookup.border))
-        return 1 - composite_attenuation(stored, lookup.depth, lookup.bias)
+        stored = read_texels(planes, col, row, lookup.border)
+        count = jnp.zeros(lookup.depth.shape, planes.dtype)
+        for depth, (d_row, d_col) in zip(stored, CELLS, strict=True):
+            receiver = lookup.depth_at(2 * col + d_col, 2 * row + d_row)
+            count = count + is_lit(depth, receiver, lookup.bias).astype(planes.dtype)
+        return count / len(CELLS)
 
     @property
     def num_planes(self) -> int:
@@ -79,7 +87,7 @@ class PropagatedNeighbours(DepthPolicy):
 
     def planes(self, depth: Depth) -> Planes:
         """The texel and three neighbours."""
-        return jnp.stack([shifted(depth, row, col) for row in (0, 1) for col in (0, 1)])
+        return jnp.stack([shifted(depth, row, col) for row, col in CELLS])
 
     @property
     def num_depths(self) -> int:

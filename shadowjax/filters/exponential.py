@@ -12,7 +12,7 @@ from shadowjax._types import Array, Float
 from shadowjax.filters.base import Filter, Lookup
 from shadowjax.filters.pcf import bilinear_percentage_closer
 from shadowjax.filters.prefilter import DepthRange, Prefilter
-from shadowjax.maps.blur import extend, kernel_radius, kernel_weights
+from shadowjax.maps.blur import extend, kernel_radius
 from shadowjax.maps.sampling import is_outside, read_nearest
 from shadowjax.maps.shadow_map import ShadowMap
 
@@ -23,25 +23,15 @@ FALLBACKS = ("none", "threshold", "z-max")
 VIOLATION_LIMIT = 10.0
 
 
-def largest_exponent(dtype: Any, power: int = 1) -> float:
-    """Largest c for which (e^(cz))^power is finite for every z in [0, 1].
+def check_exponent(exponent: float, dtype: Any, power: int = 1, growth: float = 1.0) -> None:
+    """Complain about an exponent c for which growth·(e^(cz))^power is infinite for some z in [0, 1].
 
-    Args:
-        dtype: Of the stored numbers.
-        power: Highest moment stored, ≥ 1.
-
-    Returns:
-        ln(largest number)/power: 88.72 in float32 and 11.09 in float16 (the c = 30 of the source overflows there for
-        z > 0.37).
+    With one power c may reach ln(largest number): 88.72 in float32 and 11.09 in float16, where the c = 30 of the source
+    overflows for z > 0.37.
 
     Source: filtering, section 2.5.1.
     """
-    return float(np.log(float(jnp.finfo(dtype).max))) / require_int(power, "power", 1)
-
-
-def check_exponent(exponent: float, dtype: Any, power: int = 1, growth: float = 1.0) -> None:
-    """Complain about an exponent whose stored powers, times `growth`, do not fit into the dtype."""
-    largest = (largest_exponent(dtype) - float(np.log(growth))) / power
+    largest = float(np.log(float(jnp.finfo(dtype).max)) - np.log(growth)) / power
     require(
         exponent <= largest,
         f"an exponent of {exponent:g} overflows {jnp.dtype(dtype).name}; use at most {largest:.4g} there, or a wider "
@@ -107,7 +97,7 @@ class Exponential(Filter):
         exponent: c > 0; larger is steeper. Shadows fade over 1/c of the depth range behind their caster.
         prefilter: How exponentials are averaged.
         space: "log" stores ln of the mean of e^(cz) and works for every c; "linear" stores the mean itself, which
-            hardware can filter, and needs c ≤ `largest_exponent`.
+            hardware can filter, and needs e^c to be finite.
         fallback: What happens where a texel of the kernel lies behind the receiver, so that its exponential exceeds 1.
             "none" clamps the mean to 1; "threshold" takes bilinear PCF where the mean exceeds 1 + `threshold`; "z-max"
             takes it wherever the farthest depth of the kernel lies behind the receiver, which finds every violation.
@@ -128,6 +118,11 @@ class Exponential(Filter):
         require_choice(self.fallback, "fallback", FALLBACKS)
         require(self.threshold >= 0, f"threshold must not be negative; got {self.threshold}")
         require_int(self.fallback_size, "fallback_size", 1)
+        require(
+            self.space == "linear" or self.prefilter.sampling in ("nearest", "bilinear"),
+            f"logarithms are averaged by nearest or bilinear sampling only; got {self.prefilter.sampling!r}: use "
+            "space='linear'",
+        )
 
     def prepare(
         self, depth: Float[Array, "rows cols"], far: Float[Array, ""] | None = None, border: str = "lit"
@@ -153,10 +148,9 @@ class Exponential(Filter):
             check_exponent(self.exponent, depth.dtype)
         depth_range = DepthRange.of(depth, far)
         unit = extend(depth_range.to_unit(depth), self.prefilter.radius, border, jnp.ones((), depth.dtype))
-        weights = kernel_weights(self.prefilter.kernel, self.prefilter.size, self.prefilter.sigma)
         exponents = self.exponent * unit
         if self.space == "log":
-            stored = blur_exponents(exponents, weights)[None]
+            stored = blur_exponents(exponents, self.prefilter.weights)[None]
         else:
             stored = self.prefilter.prepare(jnp.exp(exponents)[None])
         farthest = None

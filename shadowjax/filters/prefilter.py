@@ -5,14 +5,17 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
-from shadowjax._checks import require, require_choice
+from shadowjax._checks import require, require_choice, require_int
 from shadowjax._types import Array, Float
 from shadowjax.filters.base import Lookup
 from shadowjax.maps.blur import KERNELS, blur, kernel_radius, kernel_weights
+from shadowjax.maps.pyramid import mip_chain, mip_level, read_anisotropic, read_trilinear
 from shadowjax.maps.sampling import read_bilinear_apart, read_texels, texel_index
+from shadowjax.maps.summed_area import read_box_mean, summed_area_table
 
-SAMPLINGS = ("nearest", "bilinear")
+SAMPLINGS = ("nearest", "bilinear", "trilinear", "anisotropic", "summed-area")
 
 
 class Prefilter(eqx.Module):
@@ -22,23 +25,31 @@ class Prefilter(eqx.Module):
         size: Taps of the blur along an axis, odd, ≥ 1; 1 does not blur.
         kernel: "gaussian" or "box".
         sigma: Standard deviation of the Gaussian, texels; a fifth of the size if None.
-        sampling: "nearest" reads one texel, "bilinear" four.
+        sampling: "nearest" reads one texel, "bilinear" four. The others average over the pixel's footprint on the map,
+            where lookups know it (`MappedShadows.seen_by`; otherwise over a texel): "trilinear" with a mip chain,
+            "anisotropic" with several reads of it, "summed-area" over the box round the footprint.
+        max_anisotropy: Reads of an anisotropic lookup, ≥ 1.
     """
 
     size: int = eqx.field(static=True, default=7)
     kernel: str = eqx.field(static=True, default="gaussian")
     sigma: float | None = eqx.field(static=True, default=None)
     sampling: str = eqx.field(static=True, default="bilinear")
+    max_anisotropy: int = eqx.field(static=True, default=8)
 
     def __check_init__(self):
         kernel_radius(self.size)
         require_choice(self.kernel, "kernel", KERNELS)
         require_choice(self.sampling, "sampling", SAMPLINGS)
+        require_int(self.max_anisotropy, "max_anisotropy", 1)
         require(self.sigma is None or self.sigma > 0, f"sigma of a Gaussian must be positive; got {self.sigma}")
 
     def prepare(self, planes: Float[Array, "n more_rows more_cols"]) -> Any:
-        """Blur planes that reach `radius` texels beyond the map on every side."""
-        return blur(planes, kernel_weights(self.kernel, self.size, self.sigma))
+        """Blur planes that reach `radius` texels beyond the map on every side; then make what the sampling reads."""
+        blurred = blur(planes, self.weights)
+        if self.sampling in ("trilinear", "anisotropic"):
+            return mip_chain(blurred)
+        return summed_area_table(blurred) if self.sampling == "summed-area" else blurred
 
     def read(
         self, prepared: Any, lookup: Lookup, each: Callable[[Array], Array] | None = None
@@ -48,14 +59,33 @@ class Prefilter(eqx.Module):
         Args:
             prepared: From `prepare`.
             lookup: Receivers.
-            each: Applied to every number read, before the average; None for no change.
+            each: Applied to every number read, before the average, if the sampling reads texels; None for no change.
         """
         border = "clamp" if lookup.border == "lit" else lookup.border
+        if self.sampling not in ("nearest", "bilinear"):
+            return self._read_footprint(prepared, lookup, border)
         if self.sampling == "nearest":
             col, row = texel_index(lookup.position[..., 0]), texel_index(lookup.position[..., 1])
             values = read_texels(prepared, col, row, border)
             return values if each is None else [each(value) for value in values]
         return read_bilinear_apart(prepared, lookup.position, border, each)
+
+    def _read_footprint(self, prepared: Any, lookup: Lookup, border: str) -> list[Float[Array, "*points"]]:
+        footprint = lookup.footprint
+        if footprint is None:
+            one = jnp.eye(2, dtype=lookup.position.dtype)
+            footprint = jnp.broadcast_to(one, (*lookup.position.shape[:-1], 2, 2))
+        if self.sampling == "summed-area":
+            size = jnp.maximum(jnp.sum(jnp.abs(footprint), axis=-1), 1.0)
+            return read_box_mean(prepared, lookup.position, size)
+        if self.sampling == "trilinear":
+            return read_trilinear(prepared, lookup.position, mip_level(footprint), border)
+        return read_anisotropic(prepared, lookup.position, footprint, self.max_anisotropy, border)
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Of the blur, along one axis."""
+        return kernel_weights(self.kernel, self.size, self.sigma)
 
     @property
     def radius(self) -> int:
@@ -64,13 +94,15 @@ class Prefilter(eqx.Module):
 
     @property
     def reach(self) -> float:
-        """Texels along an axis between a receiver and the centres of the texels that it depends on, at most."""
+        """Texels along an axis between a receiver and the centres of the texels that it depends on, at most; where the
+        pixel's footprint is larger than a texel, half of it more."""
         return self.radius + (0.5 if self.sampling == "nearest" else 1.0)
 
     @property
     def num_fetches(self) -> int:
         """Texels read for each receiver."""
-        return {"nearest": 1, "bilinear": 4}[self.sampling]
+        probes = {"nearest": 1, "bilinear": 4, "trilinear": 8, "summed-area": 16}
+        return probes.get(self.sampling, 8 * self.max_anisotropy)
 
 
 class DepthRange(eqx.Module):

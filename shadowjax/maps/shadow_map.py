@@ -2,9 +2,11 @@
 
 import equinox as eqx
 
+from shadowjax._checks import require_choice
 from shadowjax._types import Array, Float, Int
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.caster import Caster
+from shadowjax.rays.layers import LAYERS, back_layer, second_layer
 from shadowjax.rays.light_space import OctahedralSpace
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -29,16 +31,33 @@ class ShadowMap(eqx.Module):
 
 
 @eqx.filter_jit
-def build_shadow_map(caster: Caster, mesh: Mesh, grid: RayGrid) -> ShadowMap:
+def build_shadow_map(caster: Caster, mesh: Mesh, grid: RayGrid, layer: str = "first") -> ShadowMap:
     """Cast one ray through each texel's centre.
 
     Args:
         caster: Any caster; all give the same map.
         mesh: Everything that casts shadows.
         grid: The light rays.
+        layer: Which depth to keep (`rays.layers.LAYERS`): "first" is a shadow map; "second" the next surface; "back"
+            the first surface met from behind; "midpoint" the mean of the first depth and the second.
 
     Returns:
-        The map; its depth is differentiable in mesh, light and warp at fixed visibility.
+        The map; its depth is differentiable in mesh, light and warp at fixed visibility. Faces are those of the kept
+        layer, of the first for midpoints.
+
+    Raises:
+        ValueError: If the layer is unknown.
+
+    Source: filtering, section 2.1.3 (second-depth shadow mapping); midpoints are Woo's, 1992.
     """
-    hit = caster.closest_on_grid(mesh, grid)
-    return ShadowMap(grid, hit.depth, hit.face)
+    require_choice(layer, "layer", LAYERS)
+    if layer == "back":
+        hit = back_layer(caster, mesh, grid)
+        return ShadowMap(grid, hit.depth, hit.face)
+    first = caster.closest_on_grid(mesh, grid)
+    if layer == "first":
+        return ShadowMap(grid, first.depth, first.face)
+    second = second_layer(caster, mesh, grid, first.depth)
+    if layer == "second":
+        return ShadowMap(grid, second.depth, second.face)
+    return ShadowMap(grid, 0.5 * (first.depth + second.depth), first.face)

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 
 from shadowjax._checks import require_int
+from shadowjax._numerics import dot
 from shadowjax._types import Array, Float, Points, Scalar
 from shadowjax.geometry.camera import Camera
 from shadowjax.rays.light_space import LightSpace, camera_space
@@ -79,6 +80,33 @@ class RayGrid(eqx.Module):
             return jax.jvp(lambda where: self.point(where, depth), (position,), (tangent,))[1]
 
         return along([1.0, 0.0]), along([0.0, 1.0])
+
+
+def pixel_footprint(view: RayGrid, grid: RayGrid, points: Points, normals: Points) -> Float[Array, "*points 2 2"]:
+    """How far the place of a receiver in one grid moves while the eye moves by one cell of another: a true Jacobian.
+
+    The pixel's ray is moved over the receiver's tangent plane, and the plane's points are located in the grid of the
+    light, so perspective, warps and the receiver's slope are all in it.
+
+    Args:
+        view: Rays of the image.
+        grid: Rays of the map.
+        points: Receivers.
+        normals: Their unit normals.
+
+    Returns:
+        `[..., i, j]` is the change of map coordinate i, in cells, for one pixel along image axis j (0: columns). A
+        surface seen edge-on is taken as seen at 1°.
+    """
+    away = -view.space.to_source(points)
+    cosine = dot(normals, away)
+    least = jnp.asarray(jnp.sin(jnp.pi / 180), points.dtype)
+    cosine = jnp.where(jnp.abs(cosine) < least, jnp.where(cosine < 0, -least, least), cosine)
+    columns = []
+    for step in view.cell_vectors(points):
+        on_plane = step - away * (dot(normals, step) / cosine)[..., None]
+        columns.append(jax.jvp(lambda at: grid.locate(at)[0], (points,), (on_plane,))[1])
+    return jnp.stack(columns, axis=-1)
 
 
 def camera_grid(camera: Camera, width: int, height: int) -> RayGrid:

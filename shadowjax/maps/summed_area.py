@@ -1,0 +1,129 @@
+"""Summed-area tables that keep precision: the mean over any box from sixteen reads, also in float32 and at 4096²."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from shadowjax._types import Array, Float, Int
+
+# A number as an unevaluated sum of two of the dtype: about twice its digits.
+Pair = tuple[Array, Array]
+
+
+class SummedArea(eqx.Module):
+    """Sums of all texels above and to the left, as pairs whose sum counts; the first row and column are 0.
+
+    Attributes:
+        high: The sums, rounded.
+        low: What rounding took away.
+    """
+
+    high: Float[Array, "n more_rows more_cols"]
+    low: Float[Array, "n more_rows more_cols"]
+
+
+def _two_sum(a: Array, b: Array) -> Pair:
+    """a + b and its rounding error, exactly (Knuth)."""
+    total = a + b
+    from_b = total - a
+    return total, (a - (total - from_b)) + (b - from_b)
+
+
+def _add(a: Pair, b: Pair) -> Pair:
+    total, error = _two_sum(a[0], b[0])
+    rest = error + (a[1] + b[1])
+    high = total + rest
+    return high, rest - (high - total)
+
+
+def _subtract(a: Pair, b: Pair) -> Pair:
+    return _add(a, (-b[0], -b[1]))
+
+
+def summed_area_table(planes: Float[Array, "n rows cols"]) -> SummedArea:
+    """Sums over all boxes that start at the first texel, each kept as two numbers.
+
+    A plain table rounds sums to its dtype, so the mean of a small box far from the origin is lost: a 4096² map has
+    sums 10⁷ times a texel, as many as float32 has digits. A table demands precision, it does not save it.
+
+    Args:
+        planes: Maps of one size.
+
+    Source: filtering, eq. 2.10 (inclusive; here entry (i, j) sums the texels *before* row i and column j).
+    """
+    pair = (planes, jnp.zeros_like(planes))
+    for axis in (2, 1):
+        pair = jax.lax.associative_scan(_add, pair, axis=axis)
+    high, low = (jnp.pad(part, ((0, 0), (1, 0), (1, 0))) for part in pair)
+    return SummedArea(high, low)
+
+
+def box_sum(
+    table: SummedArea,
+    lower: tuple[Int[Array, "*points"], Int[Array, "*points"]],
+    upper: tuple[Int[Array, "*points"], Int[Array, "*points"]],
+) -> Float[Array, "n *points"]:
+    """Sum of the texels lower ≤ (column, row) < upper of every plane, from four reads.
+
+    Args:
+        table: From `summed_area_table`.
+        lower: First column and row, inside the map.
+        upper: Column and row after the last, at most the map's size.
+    """
+    (left, top), (right, bottom) = lower, upper
+    corners = [[_entry(table, col, row) for col in (left, right)] for row in (top, bottom)]
+    difference = _subtract(_subtract(corners[1][1], corners[1][0]), _subtract(corners[0][1], corners[0][0]))
+    return difference[0] + difference[1]
+
+
+def _entry(table: SummedArea, col: Array, row: Array) -> Pair:
+    num_planes, _, num_cols = table.high.shape
+    index = row * num_cols + col
+    return tuple(part.reshape(num_planes, -1)[:, index] for part in (table.high, table.low))
+
+
+def read_box_mean(
+    table: SummedArea, position: Float[Array, "*points 2"], size: Float[Array, "*points 2"]
+) -> list[Float[Array, "*points"]]:
+    """Mean of every plane over a box, texels at its sides counted in part. A box of one texel is a bilinear read.
+
+    Args:
+        table: From `summed_area_table`.
+        position: (x, y) of the box's centre, texels, centres at +½.
+        size: Width and height, texels, > 0; what lies outside the map does not count, unless all does: then the
+            nearest texel does.
+
+    Returns:
+        One array for each plane.
+    """
+    num_rows, num_cols = (length - 1 for length in table.high.shape[1:])
+    axes = [_box_along(position[..., i], size[..., i], length) for i, length in enumerate((num_cols, num_rows))]
+    (cols, col_parts, width), (rows, row_parts, height) = axes
+    # Sums of boxes anchored at the first of each axis' four lines; only then fractions, so that nothing large cancels.
+    entries = [[_entry(table, col, row) for col in cols] for row in rows]
+    along_rows = []
+    for line in entries[1:]:
+        boxes = []
+        for k in range(1, 4):
+            box = _subtract(_subtract(line[k], line[0]), _subtract(entries[0][k], entries[0][0]))
+            boxes.append(box[0] + box[1])
+        along_rows.append(_cut(boxes, col_parts))
+    return list(_cut(along_rows, row_parts) / (width * height))
+
+
+def _box_along(centre: Array, size: Array, length: int) -> tuple[list[Array], tuple[Array, Array], Array]:
+    """The lines of the table round both ends of an interval, the fractions between them, and the interval's length."""
+    # At least one texel's sliver of the map, so that the mean exists.
+    sliver = 1e-3
+    start = jnp.clip(centre - 0.5 * size, 0.0, length - sliver)
+    end = jnp.maximum(jnp.clip(centre + 0.5 * size, 0.0, float(length)), start + sliver)
+    first = jnp.clip(jnp.floor(start), 0, length - 1).astype(jnp.int32)
+    last = jnp.clip(jnp.floor(end), 0, length - 1).astype(jnp.int32)
+    parts = (start - first.astype(start.dtype), end - last.astype(end.dtype))
+    return [first, first + 1, last, last + 1], parts, end - start
+
+
+def _cut(values: list[Array], parts: tuple[Array, Array]) -> Array:
+    """Integral between two ends, from the anchored sums at lines 1, 2 and 3 (that of line 0 is 0)."""
+    next_to_first, last, beyond = values
+    return last + parts[1] * (beyond - last) - parts[0] * next_to_first
