@@ -30,7 +30,7 @@ from shadowjax.analysis.acne import contact_gap, least_grid_bias, least_plane_bi
 from shadowjax.filters.bias import texel_size
 from shadowjax.partitions.whole import Whole
 from shadowjax.plotting import MARKERS, PALETTE, label, new_figure, styled
-from shadowjax.rays.casters import default_caster
+from shadowjax.rays.brute import BruteForce
 from shadowjax.techniques import MappedShadows
 from shadowjax.warps.fit import PerspectiveFit
 
@@ -121,14 +121,15 @@ def run(config: Config) -> Result:
     """Every elevation with every bias; then the warped map under three lights."""
     camera = Camera.look_at(*CAMERA, phi_y=0.45, near=2.0, far=16.0, dtype=jnp.float32)
     technique = ShadowMapping(
-        PercentageCloser(config.kernel_size), config.resolution, caster=default_caster(),
+        PercentageCloser(config.kernel_size), config.resolution, caster=BruteForce(),
         bias=Bias(jnp.asarray(0.0, jnp.float32), "texel"),
     )  # fmt: skip
     biases = np.linspace(0, config.largest, config.num_biases)
-    line = np.linspace(-0.8 * HALF, 0.8 * HALF, config.num_points)
-    plane = np.stack(np.meshgrid(line, [0.0], line, indexing="ij"), -1).reshape(-1, 3)
-    strip = np.linspace(0, HALF, 40 * config.num_points)[:, None] * [1.0, 0, 0] + [0, 0, 0.37]
-    floor, walled = _quad(FLOOR), Mesh.merge([_quad(FLOOR), _quad(WALL)])
+    # receivers of acne lie before the wall, those of the gap behind it; as many of each, for one compiled program
+    line, side = (np.linspace(low * HALF, high * HALF, config.num_points) for low, high in ((-0.8, 0.8), (-0.8, -0.1)))
+    plane = np.stack(np.meshgrid(side, [0.0], line, indexing="ij"), -1).reshape(-1, 3)
+    strip = np.linspace(0, HALF, len(plane))[:, None] * [1.0, 0, 0] + [0, 0, 0.37]
+    mesh = Mesh.merge([_quad(FLOOR), _quad(WALL)])
     acne, gap, texels, border = [], [], [], []
     for elevation in np.radians(config.elevations_deg):
         turn = 0.4  # of the light out of the map's axes would not matter: its frame turns with it
@@ -137,16 +138,17 @@ def run(config: Config) -> Result:
         aside = DirectionalLight.create(
             [np.cos(elevation) * np.cos(turn), -np.sin(elevation), np.cos(elevation) * np.sin(turn)], dtype=jnp.float32
         )
-        bare = technique.build(floor, aside, camera)
+        bare = technique.build(mesh, aside, camera)
         points = jnp.asarray(plane, jnp.float32)
         normals = jnp.broadcast_to(jnp.asarray([0.0, 1.0, 0.0], jnp.float32), (1, 3))
         size = float(texel_size(bare.maps[0].grid, points[:1])[0])
         acne.append(np.asarray(1 - _visibilities(bare, points, jnp.asarray(biases, jnp.float32))).mean(axis=-1))
         border.append(float(least_grid_bias(bare.maps[0].grid, points[:1], normals, technique.filter.reach)[0]) / size)
-        with_wall = technique.build(walled, straight, camera)
+        with_wall = technique.build(mesh, straight, camera)
         wide = float(texel_size(with_wall.maps[0].grid, points[:1])[0])
         lit = np.asarray(_visibilities(with_wall, jnp.asarray(strip, jnp.float32), jnp.asarray(biases, jnp.float32)))
-        gap.append(np.array([int(np.argmax(row < 0.5)) if (row < 0.5).any() else len(row) for row in lit]) * HALF / len(strip) * np.sin(elevation) / wide)
+        first_dark = np.array([int(np.argmax(row < 0.5)) if (row < 0.5).any() else len(row) for row in lit])
+        gap.append(first_dark * HALF / len(strip) * np.sin(elevation) / wide)
         texels.append(wide)
     depth, needed = np.geomspace(2.2, 15.0, 24), {}
     for gamma in config.gammas_deg:
@@ -266,6 +268,9 @@ def draw(result: Result) -> Figure:
     right.set_xscale("log")
     right.set_yscale("log")
     right.set_xticks([2, 4, 8, 16], ["2", "4", "8", "16"])
+    right.minorticks_off()
+    ticks = [0.1, 0.2, 0.4, 0.8]
+    right.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     right.legend(loc="upper left")
     label(right, "depth along the view (world units)", "least bias (world units)", "A warp moves the border with depth")
     return figure

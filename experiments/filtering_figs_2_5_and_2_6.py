@@ -207,7 +207,7 @@ def draw(result: Result) -> Figure:
     left.plot(t, np.where(t < 0, 1, 1 / (1 + np.maximum(t, 0) ** 2)), color=PALETTE[0], label="bound")
     left.plot([0.5], [0.8], "o", color=PALETTE[1], label="figure 2.5: 0.8")
     label(left, "(d − μ)/σ, receiver behind the mean", "lit share", "Nothing lies above the bound")
-    left.legend(loc="lower left")
+    left.legend(loc="upper right")
     for index, (c, values) in enumerate(result.predicted.items()):
         style = series_style(index)
         name = "variance map" if c == 0 else f"exponential variance, c = {c:g}"

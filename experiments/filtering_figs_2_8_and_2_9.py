@@ -3,10 +3,10 @@
 The source plots e^(−c(d−z)), shows bright spots where a texel of the kernel lies behind the receiver, names c = 80 for
 32-bit maps and c = 30 for 16-bit ones, and prefers a threshold to a classification by the largest depth.
 
-Measured: a kernel with some share behind the receiver goes through the package's filter. Clamped at 1 it is
-fully lit as soon as a few texels lie behind; the threshold mends what exceeds it and misses the rest; the largest depth
-finds every violation, so the answer is that of PCF. And every dtype is filled with exponentials until it overflows:
-c = 30 does not fit into 16 bits for z > 0.37; the limit is ln(65504) = 11.09. Filtering logarithms has no limit.
+Measured: a kernel with some share behind the receiver goes through the package's filter. Clamped at 1 it is fully lit
+as soon as a single texel lies behind. The threshold and the largest depth both find so strong a violation, and then
+bilinear PCF answers. And every dtype is filled with exponentials until it overflows: c = 30 does not fit into 16 bits
+for z > 0.37; the limit is ln(65504) = 11.09. Filtering logarithms has no limit.
 
 How to read it: left, the step; middle, the violation, where the truth is the dotted line; right, limits predicted
 (bars) and found by filling the dtype (marks).

@@ -131,9 +131,8 @@ def draw(result: Result) -> Figure:
     for index, name in enumerate(("csm", "vsm", "vsm C", "pcf", "esm C")):
         column = columns.index(name)
         style = series_style(index)
-        names = {"pcf": "PCF, XCSM, ESM", "esm C": "blur of CSM, XCSM, ESM", "vsm C": "blur of VSM"}.get(
-            name, name.upper()
-        )
+        shared = {"pcf": "PCF, XCSM, ESM", "esm C": "blur of CSM, XCSM, ESM", "vsm C": "blur of VSM"}
+        shown = shared.get(name, name.upper())
         left.plot(sizes, result.computed[:, column], color=style["color"], label=shown)
         left.plot(sizes, result.printed[:, column], style["marker"], color=style["color"])
     for size, _, printed, _ in result.wrong:

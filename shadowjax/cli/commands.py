@@ -150,8 +150,7 @@ def compare(chosen: options.Compare) -> int:
             resolution=picture.resolution, samples_per_axis=picture.samples, caster=caster, progress=steps,
         )  # fmt: skip
     if chosen.pareto is not None:
-        from shadowjax.plotting import figure_png
-        from shadowjax.plotting.pareto import pareto
+        from shadowjax.plotting import figure_png, pareto
 
         io.write_bytes(chosen.pareto, figure_png(pareto(records, f"{scene.name}, maps of {picture.resolution}²")))
     if _write_json(chosen.json, [record.to_json() for record in records]):

@@ -76,7 +76,7 @@ class Report:
     out: Annotated[str, arg(metavar="DIR")] = "out"
     """Folder to write into; other files in it stay as they are."""
     techniques: Techniques = ()
-    """Techniques to show; a telling choice of nine by default."""
+    """Techniques to show, or presets of engines as preset:NAME; a telling choice of thirteen by default."""
     equations: Annotated[tuple[str, ...], arg(metavar="SOURCE ...")] = ("mdsm", "filtering", "stencil", "asm")
     """Sources whose equations the page verifies; `none` leaves the section out."""
     sweep: bool = True

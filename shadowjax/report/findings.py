@@ -33,10 +33,11 @@ from shadowjax.techniques import MappedShadows, ShadowMapping, Technique, make_t
 Pixels = Float[np.ndarray, "height width 3"]
 Grey = Float[np.ndarray, "height width"]
 
-# A choice that shows each idea once: the test alone, filters of growing size, more depths, and both together.
+# A choice that shows each idea once: the test alone, filters of growing size, more depths, and both together; and one
+# of each family that averages codes of depth.
 DEFAULT_TECHNIQUES = (
     "hard", "pcf-3x3", "pcf-4x4", "pcf-bilinear-3x3", "2sm-max", "3sm", "2sm-max+pcf-3x3", "3sm+pcf-2x2",
-    "3sm+pcf-3x3",
+    "3sm+pcf-3x3", "vsm", "esm", "evsm4", "msm-hamburger",
 )  # fmt: skip
 # The sources whose techniques a report shows; the command `verify` checks all.
 DEFAULT_EQUATIONS = ("mdsm", "filtering", "stencil", "asm")
@@ -196,7 +197,7 @@ def collect(
     mapped = [
         (name, technique)
         for name, technique in zip(settings.techniques, techniques, strict=True)
-        if isinstance(technique, ShadowMapping)
+        if isinstance(technique, ShadowMapping) and technique.filter.compares
     ]
     costs = tuple(_cost(name, technique, receivers) for name, technique in mapped)
     announce("tones predicted along straight edges")
