@@ -48,7 +48,7 @@ class Config:
             require_int(terms, "terms", 1)
         require(list(self.terms) == sorted(set(self.terms)) and len(self.terms) > 1, "terms must rise, two at least")
         rising = list(self.damping) == sorted(set(self.damping)) and len(self.damping) > 1
-        require(rising and self.damping[0] == 0, "damping must rise from 0, two at least")
+        require(rising and self.damping[:1] == (0,), "damping must rise from 0, two at least")
 
 
 @dataclass(frozen=True)

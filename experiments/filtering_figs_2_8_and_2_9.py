@@ -119,7 +119,7 @@ def run(config: Config) -> Result:
             answers[mode] = np.array(
                 [float(_visibility(filter_, _map(int(n), config.near, config.far), receiver)) for n in columns]
             )
-        steep = Exponential(1000.0, Prefilter(SIZE, "box", sampling="nearest"))
+        steep = Exponential(exponent=1000.0, prefilter=Prefilter(SIZE, "box", sampling="nearest"))
         dark = float(_visibility(steep, _map(SIZE + 1, config.near, config.receiver - 0.05), receiver))
     # texels SIZE//2 + 1 … lie under the kernel of the middle texel
     share = np.array([weights[: max(0, int(n) - (SIZE - SIZE // 2))].sum() for n in columns])

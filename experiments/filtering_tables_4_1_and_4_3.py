@@ -134,8 +134,10 @@ def filters(config: Config, blur: int) -> dict[str, Filter]:
     over = Prefilter(blur)
     step = FourierStep(config.terms)
     return {
-        "VSM": Variance(over), "CSM": Convolution(step, over), "XCSM": MeanDepthConvolution(step, over),
-        "ESM": Exponential(80.0, over),
+        "VSM": Variance(prefilter=over),
+        "CSM": Convolution(step=step, prefilter=over),
+        "XCSM": MeanDepthConvolution(step=step, prefilter=over),
+        "ESM": Exponential(exponent=80.0, prefilter=over),
     }  # fmt: skip
 
 

@@ -67,24 +67,31 @@ _ONE, _TWO = (0.97 * largest_exponent(jnp.float32, moments) for moments in (1, 2
 _BLEED = Knob("bleed_low", 0.0, 0.0, 0.9, 0.15)
 
 FAMILIES: dict[str, Family] = {
-    "vsm": Family((_BLEED,), lambda v, blur: Variance(blur, bleed_low=v[0])),
-    "esm": Family((Knob("exponent", 80.0, 2.0, 2000.0, 2.0, log=True),), lambda v, blur: Exponential(v[0], blur)),
+    "vsm": Family((_BLEED,), lambda v, blur: Variance(prefilter=blur, bleed_low=v[0])),
+    "esm": Family(
+        (Knob("exponent", 80.0, 2.0, 2000.0, 2.0, log=True),),
+        lambda v, blur: Exponential(exponent=v[0], prefilter=blur),
+    ),
     "esm-linear": Family(
         (Knob("exponent", 0.8 * _ONE, 2.0, _ONE, 2.0, log=True),),
-        lambda v, blur: Exponential(v[0], blur, space="linear"),
+        lambda v, blur: Exponential(exponent=v[0], prefilter=blur, space="linear"),
     ),
     "evsm2": Family(
         (Knob("positive", 40.0, 1.0, _TWO, 2.0, log=True), _BLEED),
-        lambda v, blur: ExponentialVariance(v[0], None, blur, bleed_low=v[1]),
+        lambda v, blur: ExponentialVariance(positive=v[0], negative=None, prefilter=blur, bleed_low=v[1]),
     ),
     "evsm4": Family(
-        (Knob("positive", 40.0, 1.0, _TWO, 2.0, log=True), Knob("negative", 5.0, 0.5, _TWO, 2.0, log=True), _BLEED),
-        lambda v, blur: ExponentialVariance(v[0], v[1], blur, bleed_low=v[2]),
+        (
+            Knob("positive", 40.0, 1.0, _TWO, 2.0, log=True),
+            Knob("negative", 5.0, 0.5, _TWO, 2.0, log=True),
+            _BLEED,
+        ),
+        lambda v, blur: ExponentialVariance(positive=v[0], negative=v[1], prefilter=blur, bleed_low=v[2]),
     ),
-    "msm": Family((_BLEED,), lambda v, blur: Moments("hamburger", prefilter=blur, bleed_low=v[0])),
+    "msm": Family((_BLEED,), lambda v, blur: Moments(prefilter=blur, bleed_low=v[0])),
     "csm": Family(
         (Knob("terms", 16.0, 2.0, 16.0, 4.0, whole=True), Knob("damping", 1.0, 0.0, 4.0, 0.5)),
-        lambda v, blur: Convolution(FourierStep(int(v[0]), v[1]), blur),
+        lambda v, blur: Convolution(step=FourierStep(int(v[0]), v[1]), prefilter=blur),
     ),
 }  # fmt: skip
 

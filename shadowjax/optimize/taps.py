@@ -117,7 +117,7 @@ def best_depths(
     require_int(kernel_size, "kernel_size", 1)
     depths = require_int(num_depths, "num_depths", 2)
     require(depths <= 5, f"num_depths is at most 5, of which one is the texel's own; got {depths}")
-    require(len(views) > 0 and len(test_views) > 0, "give at least one scene to choose by and one to test on")
+    require(min(len(views), len(test_views)) > 0, "give at least one scene to choose by and one to test on")
     count = 9 if candidates == "ranks" else 8
     sets = list(itertools.combinations(range(1, count + 1), depths - 1))
     known = _published(candidates, depths)
@@ -212,7 +212,7 @@ def best_taps(
     """
     require_int(kernel_size, "kernel_size", 1)
     require_int(steps, "steps", 1)
-    require(len(views) > 0 and len(test_views) > 0, "give at least one scene to learn from and one to test on")
+    require(min(len(views), len(test_views)) > 0, "give at least one scene to learn from and one to test on")
     line = kernel_offsets(kernel_size)
     start = jnp.asarray([(x, y) for y in line for x in line], views[0].exact.dtype)
     extent = float(max(map(abs, line))) + 1.0
