@@ -2,7 +2,13 @@
 
 from shadowjax._types import cast
 from shadowjax.filters.bias import Bias
+from shadowjax.filters.brabec_seidel import PropagatedNeighbours, Supersampled
+from shadowjax.filters.convolution import Convolution, FourierStep, MeanDepthConvolution
+from shadowjax.filters.exponential import Exponential
+from shadowjax.filters.exponential_variance import ExponentialVariance
 from shadowjax.filters.hard import Hard
+from shadowjax.filters.hierarchical_minimum import HierarchicalMinimum
+from shadowjax.filters.moment import Moments
 from shadowjax.filters.multi_depth import (
     FixedNeighbour,
     MultiDepth,
@@ -21,6 +27,9 @@ from shadowjax.filters.pcf import (
     bilinear_percentage_closer,
     percentage_closer,
 )
+from shadowjax.filters.pcss import ContactHardening
+from shadowjax.filters.prefilter import Prefilter
+from shadowjax.filters.variance import Variance
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, PointLight, SpotLight
 from shadowjax.geometry.mesh import Mesh, load
@@ -42,17 +51,27 @@ __all__ = [
     "BilinearPercentageCloser",
     "BruteForce",
     "Camera",
+    "ContactHardening",
+    "Convolution",
     "DirectionalLight",
     "Exact",
+    "Exponential",
+    "ExponentialVariance",
     "FixedNeighbour",
+    "FourierStep",
     "Hard",
+    "HierarchicalMinimum",
     "Hit",
     "Material",
+    "MeanDepthConvolution",
     "Mesh",
+    "Moments",
     "MultiDepth",
     "Neighbourhood",
     "PercentageCloser",
     "PointLight",
+    "Prefilter",
+    "PropagatedNeighbours",
     "RayGrid",
     "Rays",
     "Ring",
@@ -61,6 +80,8 @@ __all__ = [
     "ShadowMapping",
     "SpotLight",
     "StochasticNeighbour",
+    "Supersampled",
+    "Variance",
     "bilinear_percentage_closer",
     "build_shadow_map",
     "camera_grid",

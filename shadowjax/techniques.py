@@ -302,7 +302,7 @@ TECHNIQUES: dict[str, Callable[..., Technique]] = {
     "evsm2": _mapping(lambda: ExponentialVariance(negative=None)),
     "evsm4": _mapping(ExponentialVariance),
     "msm-hamburger": _mapping(Moments),
-    "msm-hausdorff": _mapping(lambda: Moments("hausdorff")),
+    "msm-hausdorff": _mapping(lambda: Moments(problem="hausdorff")),
     "csm": _mapping(Convolution),
     "xcsm": _mapping(MeanDepthConvolution),
     "2sm-max": _mapping(lambda: MultiDepth(Neighbourhood("max"))),

@@ -11,12 +11,14 @@ from shadowjax.maps.sampling import read_texels, texel_index
 
 Depth = Float[Array, "rows cols"]
 Planes = Float[Array, "n rows cols"]
+# A texel holds 2 × 2 samples of the cast map.
+Samples = Float[Array, "n texel_rows texel_cols"]
 
 # (row, column) of a texel's four samples among the cast cells, and of the neighbours that hand on their depth.
 CELLS = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
-def gather_samples(depth: Depth) -> Planes:
+def gather_samples(depth: Depth) -> Samples:
     """Four maps of half the size, shifted against each other by half of their texel: the samples of 2 × 2 blocks.
 
     Raises:
@@ -35,11 +37,11 @@ class Supersampled(Filter):
     Source: mdsm, section 3.5, on Brabec and Seidel 2001, first variant.
     """
 
-    def prepare(self, depth: Depth) -> Planes:
+    def prepare(self, depth: Depth) -> Samples:
         """The four samples of each texel."""
         return gather_samples(depth)
 
-    def visibility(self, planes: Planes, lookup: Lookup) -> Float[Array, "*points"]:
+    def visibility(self, planes: Samples, lookup: Lookup) -> Float[Array, "*points"]:
         """Share of the four samples that are lit."""
         position = lookup.position / self.cast_factor
         col, row = texel_index(position[..., 0]), texel_index(position[..., 1])

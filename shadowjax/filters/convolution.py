@@ -1,7 +1,6 @@
 """Convolution shadow maps: the step as a Fourier series with blurred bases; XCSM: the series of a blurred depth."""
 
 import math
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -42,7 +41,7 @@ def basis_bytes(num_terms: int, num_rows: int, num_cols: int, bytes_per_value: i
 def odd_waves(depth: Float[Array, "*shape"], num_terms: int) -> list[tuple[Array, Array]]:
     """(cos c_k z, sin c_k z) for k = 1 … M: two evaluations, then one rotation by 2πz for each term."""
     cosine, sine = jnp.cos(math.pi * depth), jnp.sin(math.pi * depth)
-    turn_cosine, turn_sine = jnp.cos(2 * math.pi * depth), jnp.sin(2 * math.pi * depth)
+    turn_cosine, turn_sine = 1 - 2 * sine * sine, 2 * sine * cosine
     waves = [(cosine, sine)]
     for _ in range(require_int(num_terms, "number of terms M", 1) - 1):
         cosine, sine = cosine * turn_cosine - sine * turn_sine, sine * turn_cosine + cosine * turn_sine
@@ -76,6 +75,18 @@ def fourier_visibility(bases: Values, depth: Numbers, damping: float = 0.0) -> N
     total = jnp.full_like(depth, 0.5)
     for k, (cosine, sine) in enumerate(odd_waves(depth, num_terms)):
         total = total + float(gains[k]) * (cosine * bases[2 * k] - sine * bases[2 * k + 1])
+    return total
+
+
+def fourier_step(difference: Numbers, num_terms: int, damping: float = 0.0) -> Numbers:
+    """½ + 2 Σ exp(−α(k/M)²) sin(c_k t)/c_k: the truncated series of a step, of one known difference t = z − d.
+
+    Source: filtering, eq. 2.16 with the sign of eq. 2.17.
+    """
+    gains = 2 * damping_weights(num_terms, damping) / frequencies(num_terms)
+    total = jnp.full_like(difference, 0.5)
+    for gain, (_, sine) in zip(gains, odd_waves(difference, num_terms), strict=True):
+        total = total + float(gain) * sine
     return total
 
 
@@ -166,9 +177,8 @@ class MeanDepthConvolution(Encoded):
 
     def decode(self, values: Values, depth: Numbers) -> Numbers:
         """The series at the mean depth."""
-        waves: Any = odd_waves(values[0], self.step.terms)
-        bases = [wave for cosine, sine in waves for wave in (sine, cosine)]
-        return self.step.finish(fourier_visibility(bases, self.step.receiver(depth), self.step.damping))
+        series = fourier_step(values[0] - self.step.receiver(depth), self.step.terms, self.step.damping)
+        return self.step.finish(series)
 
     @property
     def num_planes(self) -> int:

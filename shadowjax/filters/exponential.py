@@ -157,9 +157,10 @@ class Exponential(Filter):
         if self.fallback == "z-max":
             # Bilinear taps lie up to a texel beside the receiver's own.
             width = self.prefilter.size + 2
-            farthest = jax.lax.stop_gradient(depth_range.to_unit(depth))
-            farthest = jax.lax.reduce_window(farthest, -jnp.inf, jax.lax.max, (width, 1), (1, 1), "SAME")
-            farthest = jax.lax.reduce_window(farthest, -jnp.inf, jax.lax.max, (1, width), (1, 1), "SAME")[None]
+            wide = extend(depth_range.to_unit(depth), width // 2, border, jnp.ones((), depth.dtype))
+            farthest = jax.lax.stop_gradient(wide)
+            farthest = jax.lax.reduce_window(farthest, -jnp.inf, jax.lax.max, (width, 1), (1, 1), "VALID")
+            farthest = jax.lax.reduce_window(farthest, -jnp.inf, jax.lax.max, (1, width), (1, 1), "VALID")[None]
         return ExponentialMap(stored, None if self.fallback == "none" else depth[None], farthest, depth_range)
 
     def visibility(self, planes: ExponentialMap, lookup: Lookup) -> Float[Array, "*points"]:

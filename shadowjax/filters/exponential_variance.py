@@ -54,10 +54,13 @@ def warped_bound(values: Values, depth: Numbers, exponent: float, min_variance: 
     mean, square = values
     receiver = warp_depth(depth, exponent)
     least = min_variance * (2 * exponent) ** 2 * receiver * receiver
-    # Measured in units of the receiver's own warped depth, squares cannot overflow where the moments did not.
+    # Measured in units of the receiver's own warped depth, squares cannot overflow where the moments did not. In front
+    # of the mean they can, and moments do not matter there.
+    behind = receiver > mean
     unit = jnp.abs(receiver)
-    variance = jnp.maximum(square - mean * mean, least) / (unit * unit)
-    return _chebyshev(mean / unit, variance, receiver / unit)
+    variance = jnp.maximum(jnp.where(behind, square - mean * mean, least), least)
+    bound = _chebyshev(jnp.where(behind, mean, receiver) / unit, variance / unit / unit, receiver / unit)
+    return jnp.where(behind, bound, jnp.ones_like(bound))
 
 
 class ExponentialVariance(Encoded):

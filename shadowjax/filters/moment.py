@@ -56,10 +56,7 @@ def hamburger_visibility(moments: Values, depth: Numbers) -> Numbers:
     """
     central = _Central.of(moments)
     t = depth - central.mean
-    low, high = central.partners(t)
-    before_low, before_high = t > low, t > high
-    shadow = jnp.where(before_high, 1 - central.weight(t), jnp.where(before_low, central.weight(low), 0.0))
-    return 1 - shadow
+    return 1 - central.share_before(t, *central.partners(t))
 
 
 def hausdorff_visibility(moments: Values, depth: Numbers) -> Numbers:
@@ -70,7 +67,7 @@ def hausdorff_visibility(moments: Values, depth: Numbers) -> Numbers:
 
     Args:
         moments: E[z] … E[z⁴].
-        depth: Receiver's depth; limited to [−1, 1].
+        depth: Receiver's depth; limited to [−1, 1 − 2⁻¹⁰], since at 1 two of the points meet.
 
     Source: Peters and Klein 2015, "Moment Shadow Mapping", section 3 (four moments, Hausdorff).
     """
@@ -78,9 +75,8 @@ def hausdorff_visibility(moments: Values, depth: Numbers) -> Numbers:
     t = depth - central.mean
     low, high = central.partners(t)
     inside = (low + central.mean >= -1) & (high + central.mean <= 1)
-    before_low, before_high = t > low, t > high
-    three = jnp.where(before_high, 1 - central.weight(t), jnp.where(before_low, central.weight(low), 0.0))
-    four = _shadow_of_four_points(moments, jnp.clip(depth, -1.0, 1.0))
+    three = central.share_before(t, low, high)
+    four = _shadow_of_four_points(moments, jnp.clip(depth, -1.0, 1.0 - END_GAP))
     return 1 - jnp.where(inside, three, four)
 
 
@@ -104,16 +100,25 @@ class _Central(eqx.Module):
         rest = jnp.maximum(fourth - third * skew - variance * variance, few * variance)
         return cls(b1, variance, skew, rest)
 
-    def weight(self, x: Numbers) -> Numbers:
-        """1/K(x, x): weight of a point of the attaining distribution; 0 at infinity."""
+    def kernel(self, x: Numbers) -> Numbers:
+        """K(x, x) ≥ 1, the inverse weight of a point of the attaining distribution."""
         second = x * x - self.skew * x - self.variance
-        return 1 / (1 + x * x / self.variance + second * second / self.rest)
+        return 1 + x * x / self.variance + second * second / self.rest
+
+    def share_before(self, t: Numbers, low: Numbers, high: Numbers) -> Numbers:
+        """Weight of the two partners of t that lie before it."""
+        low_kernel, high_kernel, kernel = self.kernel(low), self.kernel(high), self.kernel(t)
+        # Weights 1/K add up to 1. Where rounding has left few digits of h₂, one of them is off and the sum tells. With
+        # all three multiplied by the product of the K, one division remains.
+        weights = (high_kernel * kernel, low_kernel * kernel, low_kernel * high_kernel)
+        before = jnp.where(t > low, weights[0], 0.0) + jnp.where(t > high, weights[1], 0.0)
+        return before / (weights[0] + weights[1] + weights[2])
 
     def partners(self, t: Numbers) -> tuple[Numbers, Numbers]:
         """The other two points, in order: roots of K(x, t) in x. One runs to infinity where p₂(t) is 0."""
         second = t * t - self.skew * t - self.variance
         a = second * self.variance
-        b = t * self.rest - second * third_of(self)
+        b = t * self.rest - second * self.skew * self.variance
         c = self.variance * (self.rest - second * self.variance)
         # The roots are real; rounding may say otherwise.
         root = _safe_root(b * b - 4 * a * c)
@@ -123,15 +128,13 @@ class _Central(eqx.Module):
         return jnp.minimum(one, two), jnp.maximum(one, two)
 
 
-def third_of(central: _Central) -> Numbers:
-    """Third central moment."""
-    return central.skew * central.variance
-
-
 def _safe_root(value: Numbers) -> Numbers:
     positive = value > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, value, jnp.ones_like(value))), jnp.zeros_like(value))
 
+
+# How far a receiver stays from the far end of the interval among four points.
+END_GAP = 2.0**-10
 
 # Farther than this in [−1, 1] a point weighs nothing, and its fourth power is still finite in float16.
 _FAR = 8.0
@@ -163,9 +166,10 @@ def _shadow_of_four_points(moments: Values, t: Numbers) -> Numbers:
         return jnp.where(lost, jnp.zeros_like(value), value / jnp.where(lost, jnp.ones_like(scale), scale))
 
     one = jnp.ones_like(t)
-    first = weight(-one, (x, t, one))
-    free = weight(x, (-one, t, one))
-    return jnp.clip(first + jnp.where(x < t, free, 0.0), 0.0, 1.0)
+    # Whichever two of x, −1 and t lie close together, the weights of the other side are well conditioned.
+    ends = weight(-one, (x, t, one))
+    rest = 1 - weight(t, (-one, x, one)) - weight(one, (-one, x, t))
+    return jnp.clip(jnp.where(x < t, rest, ends), 0.0, 1.0)
 
 
 class Moments(Encoded):

@@ -19,8 +19,9 @@ def surface_slopes(
 ) -> tuple[Float[Array, "rows cols"], Float[Array, "rows cols"]]:
     """Depth change over one texel along columns and along rows, of the surface seen at each texel.
 
-    Of the differences to both neighbours the smaller one, 0 where their signs differ. So the slope is exact on a plane
-    up to its silhouette, and a jump between surfaces does not count as one.
+    The mean of the differences to both neighbours where they agree to a factor of two; else the smaller one, or 0 where
+    their signs differ. So the slope is exact on a plane up to its silhouette, has a derivative there, and a jump
+    between surfaces does not count.
 
     Args:
         depth: Depth map.
@@ -32,8 +33,11 @@ def surface_slopes(
         # Beyond the edge of the map the last difference goes on.
         first, last = (jnp.take(step, jnp.asarray([i], jnp.int32), axis=axis) for i in (0, step.shape[axis] - 1))
         before, after = jnp.concatenate([first, step], axis=axis), jnp.concatenate([step, last], axis=axis)
-        smaller = jnp.where(jnp.abs(before) <= jnp.abs(after), before, after)
-        slope = jnp.where(before * after > 0, smaller, jnp.zeros_like(smaller))
+        sizes = jnp.abs(before), jnp.abs(after)
+        smaller = jnp.where(sizes[0] <= sizes[1], before, after)
+        agree = jnp.maximum(*sizes) <= 2 * jnp.minimum(*sizes)
+        one_sided = jnp.where(agree, 0.5 * (before + after), smaller)
+        slope = jnp.where(before * after > 0, one_sided, jnp.zeros_like(smaller))
         return slope if limit is None else jnp.clip(slope, -limit, limit)
 
     def flat() -> Array:
@@ -91,12 +95,13 @@ def chebyshev_visibility(mean: Numbers, variance: Numbers, depth: Numbers) -> Nu
 
 
 def _chebyshev(mean: Numbers, variance: Numbers, depth: Numbers) -> Numbers:
-    beyond = depth - mean
-    behind = beyond > 0
-    # Receivers in front get a denominator of 1 before they are set to 1, so that no gradient divides 0 by 0.
-    total = jnp.where(behind, variance + beyond * beyond, jnp.ones_like(mean))
+    behind = depth > mean
+    # Receivers in front get harmless numbers before they are set to 1, so that no gradient multiplies 0 by infinity.
+    beyond = jnp.where(behind, depth - mean, jnp.ones_like(mean))
+    spread = jnp.where(behind, variance, jnp.zeros_like(mean))
+    total = spread + beyond * beyond
     lost = total == 0  # a distance so small that its square is 0
-    bound = variance / jnp.where(lost, jnp.ones_like(mean), total)
+    bound = spread / jnp.where(lost, jnp.ones_like(mean), total)
     return jnp.where(behind & ~lost, bound, jnp.ones_like(mean))
 
 

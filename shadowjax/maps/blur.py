@@ -106,8 +106,6 @@ def blur(planes: Float[Array, "n more_rows more_cols"], weights: np.ndarray) -> 
 def _sum_along(planes: Array, weights: np.ndarray, axis: int) -> Array:
     length = planes.shape[axis] - len(weights) + 1
     require(length > 0, f"a kernel of {len(weights)} taps does not fit into a map of {planes.shape[axis]} texels")
-    total = None
-    for start, weight in enumerate(weights):
-        part = jax.lax.slice_in_dim(planes, start, start + length, axis=axis) * jnp.asarray(weight, planes.dtype)
-        total = part if total is None else total + part
-    return total
+    parts = [jax.lax.slice_in_dim(planes, i, i + length, axis=axis) for i in range(len(weights))]
+    weighted = [part * jnp.asarray(weight, planes.dtype) for part, weight in zip(parts, weights, strict=True)]
+    return sum(weighted[1:], weighted[0])

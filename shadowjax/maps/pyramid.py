@@ -6,7 +6,7 @@ import jax.numpy as jnp
 
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array, Float, Int
-from shadowjax.maps.sampling import _fold, bilinear_weights
+from shadowjax.maps.sampling import bilinear_weights, fold
 
 Numbers = Float[Array, "*points"]
 
@@ -123,7 +123,7 @@ def _read_level(pyramid: Pyramid, position: Array, level: Int[Array, "*points"],
         for d_col, col_weight in ((0, 1 - right), (1, right)):
             at_col, at_row = col + d_col, row + d_row
             if border == "octahedral":
-                at_col, at_row = _fold(at_col, at_row, num_cols, num_rows)
+                at_col, at_row = fold(at_col, at_row, num_cols, num_rows)
             at = start + jnp.clip(at_row, 0, num_rows - 1) * num_cols + jnp.clip(at_col, 0, num_cols - 1)
             weight = row_weight * col_weight
             results = [result + plane[at] * weight for result, plane in zip(results, pyramid.texels, strict=True)]

@@ -36,7 +36,7 @@ def read_texels(
     num_rows, num_cols = planes.shape[-2:]
     outside = (col < 0) | (col >= num_cols) | (row < 0) | (row >= num_rows)
     if border == "octahedral":
-        col, row = _fold(col, row, num_cols, num_rows)
+        col, row = fold(col, row, num_cols, num_rows)
     flat = jnp.clip(row, 0, num_rows - 1) * num_cols + jnp.clip(col, 0, num_cols - 1)
     values = [plane.reshape(-1)[flat] for plane in planes]
     if border == "lit":
@@ -44,7 +44,7 @@ def read_texels(
     return values
 
 
-def _fold(col: Array, row: Array, num_cols: int, num_rows: int) -> tuple[Array, Array]:
+def fold(col: Array, row: Array, num_cols: int | Array, num_rows: int | Array) -> tuple[Array, Array]:
     """Texel inside an octahedral map that continues a texel just outside: beyond an edge the square is turned over."""
     over_side = (col < 0) | (col >= num_cols)
     row = jnp.where(over_side, num_rows - 1 - row, row)

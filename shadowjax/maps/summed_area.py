@@ -79,7 +79,7 @@ def box_sum(
 def _entry(table: SummedArea, col: Array, row: Array) -> Pair:
     num_planes, _, num_cols = table.high.shape
     index = row * num_cols + col
-    return tuple(part.reshape(num_planes, -1)[:, index] for part in (table.high, table.low))
+    return table.high.reshape(num_planes, -1)[:, index], table.low.reshape(num_planes, -1)[:, index]
 
 
 def read_box_mean(

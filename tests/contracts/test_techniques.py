@@ -20,6 +20,11 @@ def floor_points(dtype, num=48, reach=3.0):
     return jnp.stack([spots[:, 0], zeros, spots[:, 1]], axis=-1), jnp.stack([zeros, zeros + 1, zeros], axis=-1)
 
 
+def compares(name):
+    """Whether a technique's visibility is a mean of tests, so exact away from edges."""
+    return name == "exact" or make_technique(name).filter.compares
+
+
 @pytest.fixture(scope="module")
 def built():
     """Each technique over the plate, in float64, for the directional light; built once."""
@@ -30,7 +35,8 @@ def built():
 @pytest.mark.parametrize("name", TECHNIQUES)
 def test_visibility_lies_in_the_unit_interval_and_keeps_its_tones(built, name):
     value = np.asarray(visibility(built[name], *floor_points(jnp.float64)))
-    assert value.min() == 0
+    # The plate is seven texels wide, as a blur: what reconstructs visibility need not reach 0 under it.
+    assert value.min() == 0 if compares(name) else 0 <= value.min() < 0.35
     assert value.max() == 1
     bound = make_technique(name).num_tones
     if bound is not None:
@@ -70,6 +76,9 @@ def test_far_from_the_edge_every_technique_is_exact(built, name):
         assert float(jnp.max(built[name].bias.in_world(grid, points, normals))) < 0.9
     value = visibility(built[name], points, normals)
     wrong = jnp.abs(value - truth) > 1e-9
+    if not compares(name) or name == "second-depth":
+        # Light bleeds into smooth shadows, and the second surface under a plate without thickness is the floor itself.
+        wrong = wrong & (truth == 1)
     assert float(jnp.max(jnp.where(wrong, jnp.abs(beyond), 0))) <= band
 
 
@@ -82,6 +91,18 @@ def test_without_occluders_everything_is_lit(kind, dtype):
     for name in ("exact", "hard", "pcf-4x4", "pcf-bilinear-3x3", "3sm+pcf-3x3", "4sm+pcf-3x3"):
         shadows = make_technique(name, RESOLUTION).build(floor, lights(dtype)[kind], above(dtype))
         assert float(jnp.min(shadows.visibility(points, normals))) == 1, name
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["vsm", "esm-z-max", "evsm2", "evsm4", "msm-hausdorff", "csm", "xcsm", "pcss", "brabec-seidel", "midpoint-depth"],
+)
+def test_smooth_and_wide_filters_leave_a_plane_lit_under_a_local_light(name):
+    """Their default bias is less than their reach: means of a plane are the plane's own, and taps can follow it."""
+    plate, dtype = plate_over_plane(jnp.float32), jnp.float32
+    floor = Mesh(plate.vertices, plate.faces[:2], plate.face_colors[:2])
+    shadows = make_technique(name, RESOLUTION).build(floor, lights(dtype)["spot"], above(dtype))
+    assert float(jnp.min(visibility(shadows, *floor_points(dtype)))) == 1
 
 
 def test_half_the_slope_bias_is_not_enough():
@@ -138,6 +159,11 @@ def test_bias_is_checked():
         Bias.create(1.0, "metres")
     with jax.debug_nans(False), pytest.raises(ValueError, match="finite"):
         Bias.create(float("nan"))
+
+
+def test_with_filter_needs_the_rays_that_were_cast(built):
+    with pytest.raises(ValueError, match="needs 2 rays a texel along an axis, but these maps have 1"):
+        built["hard"].with_filter(make_technique("brabec-seidel").filter)
 
 
 def test_with_filter_reads_the_same_maps_with_that_filters_own_bias(built):

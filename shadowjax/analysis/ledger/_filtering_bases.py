@@ -10,26 +10,17 @@ from scipy import integrate, optimize, special
 from shadowjax._types import Array, Float, default_dtype
 from shadowjax.analysis.equations import Correction, Equation, Inputs
 from shadowjax.analysis.ledger._filtering_moments import occluders
-
-
-def frequencies(num_terms: int) -> np.ndarray:
-    """c_k = (2k − 1)π for k = 1 … M."""
-    return (2 * np.arange(1, num_terms + 1) - 1) * math.pi
-
-
-def _weights(num_terms: int, damping: float) -> np.ndarray:
-    """Damping of each term, exp(−α(k/M)²)."""
-    return np.exp(-damping * (np.arange(1, num_terms + 1) / num_terms) ** 2)
+from shadowjax.filters.convolution import damping_weights, fourier_bases, fourier_visibility, frequencies
 
 
 def step_series(difference: float, num_terms: int, damping: float = 0.0) -> float:
     """½ + 2 Σ exp(−α(k/M)²) sin(c_k (z−d)) / c_k: a step in z − d; 1 is lit. Source: filtering, eq. 2.17."""
     c = frequencies(num_terms)
-    return 0.5 + 2 * math.fsum(_weights(num_terms, damping) * np.sin(c * difference) / c)
+    return 0.5 + 2 * math.fsum(damping_weights(num_terms, damping) * np.sin(c * difference) / c)
 
 
 def _slope(difference: float, num_terms: int, damping: float = 0.0) -> float:
-    return 2 * math.fsum(_weights(num_terms, damping) * np.cos(frequencies(num_terms) * difference))
+    return 2 * math.fsum(damping_weights(num_terms, damping) * np.cos(frequencies(num_terms) * difference))
 
 
 def _size(inputs: Inputs) -> tuple[int, float]:
@@ -44,8 +35,15 @@ def _split_bases(inputs: Inputs) -> float:
     """Σ a_i(d) B_i(z): cosines and sines of the stored depth times those of the receiver, as a filter stores them."""
     (terms, damping), d, z = _size(inputs), inputs.number("d"), inputs.number("z")
     c = frequencies(terms)
-    weight = 2 * _weights(terms, damping) / c
+    weight = 2 * damping_weights(terms, damping) / c
     return 0.5 + math.fsum(weight * np.cos(c * d) * np.sin(c * z)) - math.fsum(weight * np.sin(c * d) * np.cos(c * z))
+
+
+def _series_measured(inputs: Inputs) -> float:
+    """The package's filter: bases of one stored depth, and the sum with the receiver's coefficients."""
+    (terms, damping), dtype = _size(inputs), default_dtype()
+    bases = fourier_bases(jnp.full((1, 1), inputs.number("z"), dtype), terms)[:, 0, 0]
+    return float(fourier_visibility(list(bases), jnp.asarray(inputs.number("d"), dtype), damping))
 
 
 def _dirichlet(inputs: Inputs) -> float:
@@ -97,7 +95,7 @@ def _largest(inputs: Inputs) -> float:
 def _largest_sampled(inputs: Inputs) -> float:
     """The same by sampling alone, refined threefold around the best sample."""
     terms, damping = _size(inputs)
-    c, weight = frequencies(terms), _weights(terms, damping) / frequencies(terms)
+    c, weight = frequencies(terms), damping_weights(terms, damping) / frequencies(terms)
     low, high, best = 0.0, 0.5, 0.0
     for _ in range(4):
         x = np.linspace(low, high, 2001)
@@ -112,7 +110,7 @@ def _slope_by_autodiff(inputs: Inputs) -> float:
     """Automatic derivative of the series at z = d."""
     terms, damping = _size(inputs)
     dtype = default_dtype()
-    parts = (0.0, frequencies(terms), _weights(terms, damping))
+    parts = (0.0, frequencies(terms), damping_weights(terms, damping))
     return float(_series_slope(*(jnp.asarray(part, dtype) for part in parts)))
 
 
@@ -132,7 +130,7 @@ def _filtered_bases(inputs: Inputs) -> float:
     """The mean of each basis first, then the sum with the receiver's coefficients (2.15)."""
     (terms, damping), d = _size(inputs), inputs.number("d")
     c = frequencies(terms)
-    weight = 2 * _weights(terms, damping) / c
+    weight = 2 * damping_weights(terms, damping) / c
     pairs = list(zip(*occluders(inputs), strict=True))
     sines, cosines = (sum(w * wave(c * z) for w, z in pairs) for wave in (np.sin, np.cos))
     return 0.5 + math.fsum(weight * (np.cos(c * d) * sines - np.sin(c * d) * cosines))
@@ -187,6 +185,8 @@ EQUATIONS: tuple[Equation, ...] = (
         condition="|z − d| < 1; the series has period 2.",
         closed_form=_series,
         derived=_split_bases,
+        measured=_series_measured,
+        measured_tolerance=1e-5,
         samples=(*_STEPS, {"d": 0.2, "z": 0.9, "M": 8, "alpha": 1}),
     ),
     *(
@@ -234,7 +234,7 @@ EQUATIONS: tuple[Equation, ...] = (
         source="filtering, section 2.4",
         statement="Slope of the damped series at z = d: 2 Σ exp(−α(k/M)²), 2M undamped.",
         verdict="holds",
-        closed_form=lambda i: 2 * math.fsum(_weights(*_size(i))),
+        closed_form=lambda i: 2 * math.fsum(damping_weights(*_size(i))),
         derived=_slope_by_autodiff,
         tolerance=1e-6,  # automatic derivatives may run in float32
         samples=_DAMPED,
@@ -253,7 +253,7 @@ EQUATIONS: tuple[Equation, ...] = (
         source="filtering, section 2.4",
         statement="Damping changes the slope of the step from 2M to 2 Σ exp(−α(k/M)²), which is less.",
         verdict="erratum",
-        closed_form=lambda i: bool(2 * math.fsum(_weights(*_size(i))) > 2 * i.integer("M")),
+        closed_form=lambda i: bool(2 * math.fsum(damping_weights(*_size(i))) > 2 * i.integer("M")),
         derived=lambda i: bool(_slope_by_autodiff(i) > 2 * i.integer("M")),
         correction=Correction(
             printed="the damped step is steeper",

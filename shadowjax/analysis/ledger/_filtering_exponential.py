@@ -2,10 +2,13 @@
 
 import math
 
+import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._types import default_dtype
 from shadowjax.analysis.equations import Correction, Equation, Inputs
 from shadowjax.analysis.ledger._filtering_moments import occluders
+from shadowjax.filters.exponential import exponential_test
 
 
 def _exponential(inputs: Inputs) -> float:
@@ -16,6 +19,12 @@ def _exponential_factors(inputs: Inputs) -> float:
     """e^(−cd)·e^(cz): the receiver's factor and the stored one."""
     c = inputs.number("c")
     return math.exp(-c * inputs.number("d")) * math.exp(c * inputs.number("z"))
+
+
+def _exponential_measured(inputs: Inputs) -> float:
+    """The package's test."""
+    stored, receiver = (jnp.asarray(inputs.number(name), default_dtype()) for name in ("z", "d"))
+    return float(exponential_test(stored, receiver, inputs.number("c")))
 
 
 def _filtered_exponential(inputs: Inputs) -> float:
@@ -66,6 +75,8 @@ EQUATIONS: tuple[Equation, ...] = (
         condition="z ≤ d; otherwise it exceeds 1.",
         closed_form=_exponential,
         derived=_exponential_factors,
+        measured=_exponential_measured,
+        measured_tolerance=1e-5,
         samples=tuple({"d": 0.5, "z": z, "c": 80} for z in (0.45, 0.49)),
     ),
     Equation(

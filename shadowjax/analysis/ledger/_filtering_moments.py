@@ -15,6 +15,7 @@ from shadowjax.analysis.inputs import exact
 from shadowjax.filters.base import Lookup
 from shadowjax.filters.hard import is_lit
 from shadowjax.filters.pcf import bilinear_percentage_closer, percentage_closer
+from shadowjax.filters.variance import chebyshev_visibility, linear_step
 
 
 def occluders(inputs: Inputs) -> tuple[list[float], list[float]]:
@@ -64,6 +65,18 @@ def _markov(inputs: Inputs) -> float:
 
 def _visibility(inputs: Inputs) -> float:
     return 1.0 if inputs.number("d") <= _moments(inputs)[0] else _chebyshev(inputs)
+
+
+def _visibility_measured(inputs: Inputs) -> float:
+    """The package's filter on the filtered moments."""
+    dtype = default_dtype()
+    mean, variance = _central_moments(inputs)
+    numbers = (jnp.asarray(value, dtype) for value in (mean, variance, inputs.number("d")))
+    return float(chebyshev_visibility(*numbers))
+
+
+def _linear_step_measured(inputs: Inputs) -> float:
+    return float(linear_step(jnp.asarray(inputs.number("v"), default_dtype()), inputs.number("L"), inputs.number("H")))
 
 
 def _visibility_from_bound(inputs: Inputs) -> float:
@@ -266,6 +279,8 @@ EQUATIONS: tuple[Equation, ...] = (
         verdict="holds",
         closed_form=_visibility,
         derived=_visibility_from_bound,
+        measured=_visibility_measured,
+        measured_tolerance=1e-5,
         samples=tuple({**_TWO, "p": p, "d": 0.6} for p in (0.25, 0.5, 0.9)),
     ),
     Equation(
@@ -315,6 +330,8 @@ EQUATIONS: tuple[Equation, ...] = (
         verdict="holds",
         closed_form=_linear_step,
         derived=lambda i: float(np.interp(i.number("v"), [i.number("L"), i.number("H")], [0.0, 1.0])),
+        measured=_linear_step_measured,
+        measured_tolerance=1e-6,
         samples=({"L": 0.2, "H": 1, "v": 0.6}, {"L": 0.1, "H": 1, "v": 0.999}, {"L": 0.3, "H": 1, "v": 0.25}),
     ),
     Equation(
