@@ -3,6 +3,14 @@
 import difflib
 
 from experiments import (
+    bias_acne_and_gap,
+    filtering_fig_2_7,
+    filtering_fig_4_3,
+    filtering_figs_2_5_and_2_6,
+    filtering_figs_2_8_and_2_9,
+    filtering_table_4_2,
+    filtering_tables_4_1_and_4_3,
+    filtering_xcsm_is_not_csm,
     mdsm_cost_5_6_to_5_8,
     mdsm_fig_4_1,
     mdsm_fig_5_2,
@@ -20,6 +28,14 @@ EXPERIMENTS: dict[str, Experiment] = {
     "mdsm_fig_5_3": mdsm_fig_5_3,
     "mdsm_fig_5_4": mdsm_fig_5_4,
     "mdsm_cost_5_6_to_5_8": mdsm_cost_5_6_to_5_8,
+    "filtering_figs_2_5_and_2_6": filtering_figs_2_5_and_2_6,
+    "filtering_fig_2_7": filtering_fig_2_7,
+    "filtering_figs_2_8_and_2_9": filtering_figs_2_8_and_2_9,
+    "filtering_xcsm_is_not_csm": filtering_xcsm_is_not_csm,
+    "filtering_table_4_2": filtering_table_4_2,
+    "bias_acne_and_gap": bias_acne_and_gap,
+    "filtering_tables_4_1_and_4_3": filtering_tables_4_1_and_4_3,
+    "filtering_fig_4_3": filtering_fig_4_3,
 }
 
 

@@ -11,20 +11,26 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy import ndimage
 
 from shadowjax._checks import require, require_int
 from shadowjax._numerics import dot, safe_divide, safe_sqrt
 from shadowjax._types import Array, Bool, Float
 from shadowjax.analysis import metrics
+from shadowjax.analysis.memory import planes_in_formats
 from shadowjax.analysis.tones import count_tones
 from shadowjax.geometry.scenes import Scene
 from shadowjax.geometry.smoothing import smooth_corner_groups
+from shadowjax.presets import named_technique
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import default_caster
 from shadowjax.shading import Surface, downsample, trace_surface, valid_receivers, visibility_on
-from shadowjax.techniques import Shadows, Technique, make_technique
+from shadowjax.techniques import MappedShadows, Shadows, Technique, make_technique
 
 Progress = Callable[[str], None]
+
+# Pixels between the umbra, where light is bleeding, and the exact shadow's edge, where it may be blur.
+EDGE_MARGIN = 4
 
 
 @dataclass(frozen=True)
@@ -47,6 +53,10 @@ class Record:
         edge_distance: Mean distance between the technique's shadow edges and the exact ones, pixels.
         light_rmse: Root mean squared error of the light that a surface receives, relative to the mean of its square
             without shadows: visibility weighted by the cosine of incidence. Errors at grazing light hardly show.
+        bleed: Mean light in the umbra, where the exact shadow is full and no edge of it is near: light that leaks.
+        acne: Mean lack of light where the exact picture is fully lit and no shadow edge is near.
+        flip: FLIP error of visibility; None where the package `flip_evaluator` is missing.
+        texture_bytes: Bytes of textures of four channels or fewer that would hold the planes; three take four.
     """
 
     technique: str
@@ -63,6 +73,10 @@ class Record:
     ssim: float | None
     edge_distance: float
     light_rmse: float
+    bleed: float = 0.0
+    acne: float = 0.0
+    flip: float | None = None
+    texture_bytes: int = 0
 
     def to_json(self) -> dict[str, Any]:
         """The record as plain values."""
@@ -182,7 +196,7 @@ def measure(
 
     Args:
         scene: Mesh, camera and lights.
-        names: Registered techniques, each once.
+        names: Registered techniques or presets (`preset:NAME`), each once.
         width: Pixels across, ≥ 1.
         height: Pixels down, ≥ 1.
         resolution: Texels along each side of a map, ≥ 1.
@@ -199,7 +213,7 @@ def measure(
     require(len(names) > 0, "give at least one technique to compare")
     twice = sorted({name for name in names if list(names).count(name) > 1})
     require(not twice, f"give each technique once; got {', '.join(twice)} more than once")
-    techniques = [make_technique(name, resolution, caster) for name in names]
+    techniques = [named_technique(name, resolution, caster) for name in names]
     announce = progress or (lambda step: None)
     if view is None:
         announce("exact shadow")
@@ -240,6 +254,7 @@ def record(
         build_ms: Measured elsewhere.
         visibility_ms: Measured elsewhere.
     """
+    far = _away_from_edges(np.asarray(view.per_pixel(view.exact)), np.asarray(view.pixel_mask))
     arriving = [downsample(view.cosine * value, view.samples_per_axis) for value in (visibility, view.exact, 1.0)]
     wrong, power = jnp.sum((arriving[0] - arriving[1]) ** 2), jnp.sum(arriving[2] ** 2)
     test, truth, mask = view.per_pixel(visibility), view.per_pixel(view.exact), view.pixel_mask
@@ -258,4 +273,32 @@ def record(
         ssim=float(metrics.ssim(test, truth, mask)) if min(test.shape) >= metrics.SSIM_WIDTH else None,
         edge_distance=metrics.edge_distance(np.asarray(test), np.asarray(truth), np.asarray(mask)).mean,
         light_rmse=float(safe_sqrt(safe_divide(wrong, power))),
+        bleed=_mean_where(np.asarray(test), far & (np.asarray(truth) <= 0)),
+        acne=_mean_where(1 - np.asarray(test), far & (np.asarray(truth) >= 1)),
+        flip=metrics.flip(jnp.where(mask, test, 1), jnp.where(mask, truth, 1)),
+        texture_bytes=_texture_bytes(shadows),
     )
+
+
+def _away_from_edges(truth: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Valid pixels with no pixel of another answer, and no border of the mask, within `EDGE_MARGIN`."""
+    same = np.ones_like(mask)
+    for extreme in (ndimage.minimum_filter, ndimage.maximum_filter):
+        same &= extreme(np.where(mask, truth, -1.0), 2 * EDGE_MARGIN + 1, mode="nearest") == truth
+    return same & mask
+
+
+def _mean_where(values: np.ndarray, where: np.ndarray) -> float:
+    return float(values[where].mean()) if where.any() else 0.0
+
+
+def _texture_bytes(shadows: Shadows) -> int:
+    """Planes of every map in textures of their own bits, without mip chains."""
+    if not isinstance(shadows, MappedShadows):
+        return shadows.map_bytes
+    total = 0
+    for shadow_map in shadows.maps:
+        bits = 32 if shadow_map.depth.dtype.itemsize > 2 else 16
+        textures = planes_in_formats(shadows.filter.num_planes, bits)
+        total += sum(texture.num_bytes(shadow_map.depth.shape[0]) for texture in textures)
+    return total

@@ -4,6 +4,7 @@ import math
 import os
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from shadowjax.cli.scene_choice import open_scene
 def run(chosen: Any) -> int:
     """Run the command whose options these are; the exit code."""
     _keep_compiled()
-    target = getattr(chosen, "json", None)
+    target = getattr(getattr(chosen, "search", chosen), "json", None)
     if target not in (None, "-"):  # complain before the work, not after it
         require(not Path(target).is_dir(), f"{target} is a folder; give --json the name of a file")
         io.output_folder(Path(target).parent)
@@ -133,22 +134,35 @@ def compare(chosen: options.Compare) -> int:
     from shadowjax.report.advisor import bytes_text
     from shadowjax.techniques import TECHNIQUES
 
+    names = tuple(chosen.techniques or TECHNIQUES)
+    if chosen.presets:
+        from shadowjax.presets import PRESETS
+
+        names += tuple(name for preset in PRESETS if (name := f"preset:{preset}") not in names)
+    if chosen.pareto is not None:
+        require(chosen.pareto.lower().endswith(".png"), f"--pareto writes a PNG: {chosen.pareto} must end in .png")
+        io.output_folder(Path(chosen.pareto).parent)
     picture, caster = chosen.picture, _caster(chosen.picture)
     scene = open_scene(chosen.scene, chosen.setting, picture)
     with Steps("compare") as steps:
         records = run_compare(
-            scene, chosen.techniques or tuple(TECHNIQUES), width=picture.width, height=picture.height,
+            scene, names, width=picture.width, height=picture.height,
             resolution=picture.resolution, samples_per_axis=picture.samples, caster=caster, progress=steps,
         )  # fmt: skip
+    if chosen.pareto is not None:
+        from shadowjax.plotting import figure_png, pareto
+
+        io.write_bytes(chosen.pareto, figure_png(pareto(records, f"{scene.name}, maps of {picture.resolution}²")))
     if _write_json(chosen.json, [record.to_json() for record in records]):
         return 0
     columns = (
-        "technique", "light error", "RMS error", "false light", "false shadow", "tones", "of", "memory", "build ms",
-        "lookup ms",
+        "technique", "light error", "RMS error", "false light", "false shadow", "bleed", "edges off", "tones", "of",
+        "memory", "build ms", "lookup ms",
     )  # fmt: skip
     rows = [
         (r.technique, f"{100 * r.light_rmse:.2f} %", f"{r.rmse:.4f}", f"{100 * r.false_lit:.2f} %",
-         f"{100 * r.false_shadow:.2f} %", r.tones, "∞" if r.tones_bound is None else r.tones_bound,
+         f"{100 * r.false_shadow:.2f} %", f"{100 * r.bleed:.2f} %", f"{r.edge_distance:.2f} px",
+         r.tones, "∞" if r.tones_bound is None else r.tones_bound,
          bytes_text(r.map_bytes), f"{r.build_ms:.1f}", f"{r.visibility_ms:.1f}")
         for r in sorted(records, key=lambda record: record.light_rmse)
     ]  # fmt: skip
@@ -186,6 +200,30 @@ def verify(chosen: options.Verify) -> int:
     return 1 if failed else 0
 
 
+def presets(chosen: options.Presets) -> int:
+    """List the presets, or show one."""
+    from shadowjax.presets import PRESETS, preset
+
+    if chosen.name is not None:
+        one = preset(chosen.name)
+        if _write_json(chosen.json, one.to_json()):
+            return 0
+        rows = [
+            (p.name, _short(list(p.value) if isinstance(p.value, tuple) else p.value), p.unit,
+             "" if p.verified else "unverified", p.here)
+            for p in one.parameters
+        ]  # fmt: skip
+        show_table(f"{one.engine}: {one.description}", ("parameter", "value", "unit", "", "here"), rows)
+        for missing in one.missing:
+            say(f"no counterpart: {missing}")
+        return 0
+    if _write_json(chosen.json, [one.to_json() for one in PRESETS.values()]):
+        return 0
+    rows = [(one.name, one.engine, f"{one.resolution}²", one.description) for one in PRESETS.values()]
+    show_table("presets", ("name", "engine", "maps", "what it is"), rows, numeric=(2,))
+    return 0
+
+
 def scenes(chosen: options.Scenes) -> int:
     """List the scenes."""
     from shadowjax.geometry.scenes import SCENES
@@ -215,7 +253,7 @@ def _optimized(path: str | None, content: dict[str, Any]) -> int:
 
 
 def _short(value: Any) -> str:
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return ", ".join(_short(one) for one in value)
     return f"{value:.8g}" if isinstance(value, float) else str(value)
 
@@ -242,6 +280,70 @@ def splits(chosen: options.Splits) -> int:
     return _optimized(chosen.json, content)
 
 
+def bias_search(chosen: options.BiasSearch) -> int:
+    """Search the bias of a technique's filter."""
+    from shadowjax.optimize.bias import best_bias
+    from shadowjax.techniques import ShadowMapping, make_technique
+
+    technique = make_technique(chosen.technique, chosen.search.resolution)
+    if not isinstance(technique, ShadowMapping):
+        raise ValueError(f"{chosen.technique} reads no map, so it has no bias; choose another technique")
+    with Steps("optimize bias") as steps:
+        views = _views(chosen.search, chosen.search.scenes, steps)
+        steps(f"biases of {chosen.technique} in {chosen.unit} units")
+        content = best_bias(views, technique.filter, chosen.unit).to_json()
+    return _optimized(chosen.search.json, content)
+
+
+def exponent_search(chosen: options.ExponentSearch) -> int:
+    """Search the numbers of an averaging filter."""
+    from shadowjax.optimize.exponent import best_numbers
+
+    with Steps("optimize exponent") as steps:
+        views = _views(chosen.search, chosen.search.scenes, steps)
+        test_views = _views(chosen.search, chosen.test_scenes, steps)
+        steps(f"numbers of {chosen.filter}")
+        found = best_numbers(views, chosen.filter, chosen.blur, chosen.evaluations, test_views)
+    content = found.to_json()
+    if chosen.search.json is None:  # a table has no room for nested values
+        content = {"filter": found.family, **found.numbers, "error": found.error, "default_error": found.default_error}
+        content |= {"gain": found.gain, "test_error": found.test_error, "test_default_error": found.test_default_error}
+    return _optimized(chosen.search.json, content)
+
+
+def taps_search(chosen: options.TapsSearch) -> int:
+    """Search extra depths, or learn offsets of taps."""
+    from shadowjax.optimize.taps import best_depths, best_taps
+
+    shared = sorted(set(chosen.search.scenes) & set(chosen.test_scenes))
+    require(not shared, f"--test-scenes must differ from --scenes; both have {', '.join(shared)}")
+    with Steps("optimize taps") as steps:
+        views = _views(chosen.search, chosen.search.scenes, steps)
+        test_views = _views(chosen.search, chosen.test_scenes, steps)
+        steps(f"search of {chosen.what}")
+        if chosen.what == "offsets":
+            found = best_taps(views, test_views, chosen.kernel_size, chosen.steps)
+        else:
+            found = best_depths(views, test_views, chosen.num_depths, chosen.kernel_size, chosen.what)
+    content = found.to_json()
+    if chosen.search.json is None and "published" in content:
+        content |= {f"error, test error of {name}": list(pair) for name, pair in content["published"].items()}
+    return _optimized(chosen.search.json, content)
+
+
+def _views(search: options.SearchOptions, names: Sequence[str], steps: Steps) -> tuple[Any, ...]:
+    """Scenes looked at, each with its map."""
+    from shadowjax.optimize.viewed import view_scene
+
+    picture = options.PictureOptions(search.width, search.height, 1, search.resolution)
+    scenes = [open_scene(name, options.SceneOptions(), picture) for name in names]
+    made = []
+    for scene in scenes:
+        steps(f"view of {scene.name}")
+        made.append(view_scene(scene, search.width, search.height, search.resolution, search.objective))
+    return tuple(made)
+
+
 def _angles(chosen: Any) -> tuple[float, float]:
     """φ and γ in radians, once all numbers are in range."""
     phi, gamma = chosen.phi_deg, chosen.gamma_deg
@@ -257,6 +359,10 @@ _RUN = {
     options.Compare: compare,
     options.Verify: verify,
     options.Scenes: scenes,
+    options.Presets: presets,
     options.NearDistance: near_distance,
     options.Splits: splits,
+    options.BiasSearch: bias_search,
+    options.ExponentSearch: exponent_search,
+    options.TapsSearch: taps_search,
 }

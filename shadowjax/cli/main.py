@@ -22,7 +22,11 @@ COMMANDS: Mapping[str, type] = {
     "verify": options.Verify,
     "optimize near-distance": options.NearDistance,
     "optimize splits": options.Splits,
+    "optimize bias": options.BiasSearch,
+    "optimize exponent": options.ExponentSearch,
+    "optimize taps": options.TapsSearch,
     "scenes": options.Scenes,
+    "presets": options.Presets,
 }
 
 _Options = TypeVar("_Options")
@@ -118,7 +122,7 @@ def parse(kind: type[_Options], name: str, words: Sequence[str]) -> _Options | N
         BadInput: If a flag or a key is unknown or has a value that does not fit.
     """
     given = _tyro(kind, name, words, None)
-    path = getattr(given, "config", None)
+    path = getattr(getattr(given, "search", given), "config", None)
     if given is None or path is None:
         return given
     try:

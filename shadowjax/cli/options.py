@@ -76,7 +76,7 @@ class Report:
     out: Annotated[str, arg(metavar="DIR")] = "out"
     """Folder to write into; other files in it stay as they are."""
     techniques: Techniques = ()
-    """Techniques to show; a telling choice of nine by default."""
+    """Techniques to show, or presets of engines as preset:NAME; a telling choice of thirteen by default."""
     equations: Annotated[tuple[str, ...], arg(metavar="SOURCE ...")] = ("mdsm", "filtering", "stencil", "asm")
     """Sources whose equations the page verifies; `none` leaves the section out."""
     sweep: bool = True
@@ -112,7 +112,11 @@ class Compare:
     scene: Positional[Annotated[str, arg(metavar="SCENE")]] = DEFAULT_SCENE
     """Name of a built-in scene, or a mesh file."""
     techniques: Techniques = ()
-    """Techniques to compare; all by default."""
+    """Techniques to compare, or presets of engines as preset:NAME; all techniques by default."""
+    presets: bool = False
+    """Whether to compare every preset besides."""
+    pareto: Annotated[str | None, _FILE] = None
+    """PNG file to write, or to replace: error against memory and time, the best joined by a line."""
     json: Annotated[str | None, _FILE] = None
     """File for the records, one for each technique; `-` writes to standard output and nothing else there."""
     config: Annotated[str | None, _FILE] = None
@@ -129,6 +133,16 @@ class Verify:
     """Sources (such as mdsm), equations, or beginnings of their names; all by default."""
     json: Annotated[str | None, _FILE] = None
     """File for the results; `-` writes to standard output and nothing else there."""
+
+
+@dataclass(frozen=True)
+class Presets:
+    """Parameter sets of engines: list them, or show one."""
+
+    name: Positional[Annotated[str | None, arg(metavar="NAME")]] = None
+    """One preset, with all its parameters; the list of all if left out."""
+    json: Annotated[str | None, _FILE] = None
+    """File for what is shown; `-` writes to standard output and nothing else there."""
 
 
 @dataclass(frozen=True)
@@ -181,3 +195,71 @@ class Splits:
     """File for the result; `-` writes to standard output and nothing else there."""
     config: Annotated[str | None, _FILE] = None
     """TOML file with any of these options (names with underscores); flags win over it."""
+
+
+SceneNames = Annotated[tuple[str, ...], arg(metavar="SCENE ...")]
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """The views that a search measures on."""
+
+    scenes: SceneNames = (DEFAULT_SCENE,)
+    """Built-in scenes or mesh files to search over."""
+    width: Annotated[int, _WHOLE] = 160
+    """Pixels across."""
+    height: Annotated[int, _WHOLE] = 120
+    """Pixels down."""
+    resolution: Annotated[int, _WHOLE] = 256
+    """Texels along each side of a shadow map."""
+    objective: Literal["light", "visibility"] = "light"
+    """What the error is of: received light, where grazing incidence hardly counts, or visibility."""
+    json: Annotated[str | None, _FILE] = None
+    """File for the result; `-` writes to standard output and nothing else there."""
+    config: Annotated[str | None, _FILE] = None
+    """TOML file with any of these options (names with underscores); flags win over it."""
+
+
+@dataclass(frozen=True)
+class BiasSearch:
+    """The bias of least error over scenes, beside the default that frees planes of acne."""
+
+    technique: Annotated[str, arg(metavar="NAME")] = "pcf-3x3"
+    """Technique whose filter reads the maps."""
+    unit: Literal["slope", "texel", "world", "normal"] = "slope"
+    """Unit of the bias; normal is an offset along the normal, in texels."""
+    search: OmitArgPrefixes[SearchOptions] = field(default_factory=SearchOptions)
+
+
+@dataclass(frozen=True)
+class ExponentSearch:
+    """Exponents, damping, terms and bleed clamps of least error over scenes."""
+
+    filter: Literal["vsm", "esm", "esm-linear", "evsm2", "evsm4", "msm", "csm"] = "evsm4"
+    """Filter whose numbers are searched."""
+    blur: Annotated[int, _WHOLE] = 7
+    """Taps of the Gaussian blur along an axis, odd."""
+    evaluations: Annotated[int, _WHOLE] = 24
+    """Most settings that are measured."""
+    test_scenes: SceneNames = ()
+    """Scenes that are measured but not searched over."""
+    search: OmitArgPrefixes[SearchOptions] = field(default_factory=SearchOptions)
+
+
+@dataclass(frozen=True)
+class TapsSearch:
+    """Which extra depths a multi-depth map should keep, or where the taps of PCF should lie."""
+
+    what: Literal["ranks", "cells", "offsets"] = "ranks"
+    """Order statistics of the 3 × 3 neighbourhood or its cells, by exhaustive search; or tap offsets, by gradient."""
+    num_depths: Annotated[int, _WHOLE] = 2
+    """n, depths of a texel, 2 to 5; for ranks and cells."""
+    kernel_size: Annotated[int, _WHOLE] = 2
+    """K of the K × K taps."""
+    steps: Annotated[int, _WHOLE] = 24
+    """Most steps of the minimiser; for offsets."""
+    test_scenes: SceneNames = ("fence", "solids")
+    """Scenes that the choice is tested on."""
+    search: OmitArgPrefixes[SearchOptions] = field(
+        default_factory=lambda: SearchOptions(scenes=(DEFAULT_SCENE, "plant"))
+    )

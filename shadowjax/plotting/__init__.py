@@ -6,11 +6,12 @@ Charts and grids of pictures come back as `Figure`; turn one into bytes with `fi
 
 from shadowjax.plotting.charts import bars, lines, scatter, tone_histogram
 from shadowjax.plotting.images import depth_map, difference_map, image_grid, show_image
+from shadowjax.plotting.pareto import pareto
 from shadowjax.plotting.pixels import difference_pixels, edge_window, enlarge, outlined
 from shadowjax.plotting.style import MARKERS, PALETTE, Figure, figure_png, label, new_figure, series_style, styled
 
 __all__ = [
     "MARKERS", "PALETTE", "Figure", "bars", "depth_map", "difference_map", "difference_pixels", "edge_window",
-    "enlarge", "figure_png", "image_grid", "label", "lines", "new_figure", "outlined", "scatter", "series_style",
-    "show_image", "styled", "tone_histogram",
+    "enlarge", "figure_png", "image_grid", "label", "lines", "new_figure", "outlined", "pareto", "scatter",
+    "series_style", "show_image", "styled", "tone_histogram",
 ]  # fmt: skip

@@ -102,12 +102,12 @@ def scatter(
         spot.plot([across], [up], "o", color=color, markersize=9 if is_chosen else 6.5, zorder=3)
     spot.margins(0.12)
     figure.draw_without_rendering()
-    _name_points(figure, spot, points, chosen)
+    name_points(figure, spot, points, chosen)
     label(spot, x, y, title)
     return figure
 
 
-def _name_points(figure: Figure, spot, points: Mapping[str, tuple[float, float]], chosen: str | None) -> None:
+def name_points(figure: Figure, spot, points: Mapping[str, tuple[float, float]], chosen: str | None) -> None:
     """Write each name beside its point, moved up or down where names would collide."""
     pixel = {name: spot.transData.transform(point) for name, point in points.items()}
     point = figure.dpi / 72  # of type, in pixels

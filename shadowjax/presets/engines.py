@@ -69,7 +69,7 @@ ALL: tuple[Preset, ...] = (
             Parameter("light bleed reduction", 0.15, "", here="low end of the clamp"),
         ),
         (HALF_PRECISION, "a least variance that grows with depth", SNAPPING),
-        _maker(ExponentialVariance(5.54, None, bleed_low=0.15), _FILAMENT_BIAS), 1024,
+        _maker(ExponentialVariance(positive=5.54, negative=None, bleed_low=0.15), _FILAMENT_BIAS), 1024,
     ),
     Preset(
         "godot-4", "Godot 4", "four cascades, PCF, constant and normal bias",
@@ -137,11 +137,11 @@ ALL: tuple[Preset, ...] = (
         "bgfx-vsm", "bgfx example 16", "variance map with a large least variance",
         (
             Parameter("map size", 2048, "texels"),
-            Parameter("least variance", 0.02, "", here="of the range²"),
-            Parameter("depth multiplier", (300.0,), "", here="not applied: there it makes the variance negative"),
+            Parameter("least variance", 0.02, "", here="0.02 / 300² of the range²: theirs counts multiplied depths"),
+            Parameter("depth multiplier", 300.0, "", here="not applied: there it makes the variance negative"),
         ),
         (),
-        _maker(Variance(min_variance=0.02), Bias.create(0.5, "slope")), 2048,
+        _maker(Variance(min_variance=0.02 / 300**2), Bias.create(0.5, "slope")), 2048,
     ),
     Preset(
         "bgfx-esm", "bgfx example 16", "exponential map with a very steep exponent",
@@ -175,7 +175,7 @@ ALL: tuple[Preset, ...] = (
             Parameter("split weight", 0.95, "", here="λ"),
         ),
         (NO_LOOKUP_BLEND, "a least variance that grows with the warp's slope"),
-        _maker(ExponentialVariance(40.0, 5.0), Bias.create(1.0, "slope"), _cascades(4, 0.95)), 1024,
+        _maker(ExponentialVariance(positive=40.0, negative=5.0), Bias.create(1.0, "slope"), _cascades(4, 0.95)), 1024,
     ),
     Preset(
         "mjp-pcf", "MJP's shadow sample", "four cascades, PCF 7 × 7 that follows the receiver's plane",
@@ -201,7 +201,7 @@ ALL: tuple[Preset, ...] = (
             Parameter("light bleed reduction", 0.0, ""),
         ),
         (NO_LOOKUP_BLEND, SNAPPING),
-        _maker(ExponentialVariance(40.0, 5.0), Bias.create(1.0, "slope"), _cascades(4)), 2048,
+        _maker(ExponentialVariance(positive=40.0, negative=5.0), Bias.create(1.0, "slope"), _cascades(4)), 2048,
     ),
     Preset(
         "mjp-msm-hamburger", "MJP's shadow sample", "four moments of depth, Hamburger's bound",
@@ -210,7 +210,7 @@ ALL: tuple[Preset, ...] = (
             Parameter("depth bias", 0.0, "", here="slope bias of one texel: zero shows acne here"),
         ),
         ("16-bit storage with a matrix that spreads the moments",),
-        _maker(Moments("hamburger", 3e-6), Bias.create(1.0, "slope"), _cascades(4)), 2048,
+        _maker(Moments(problem="hamburger", moment_bias=3e-6), Bias.create(1.0, "slope"), _cascades(4)), 2048,
     ),
     Preset(
         "mjp-msm-hausdorff", "MJP's shadow sample", "four moments of depth, Hausdorff's bound",
@@ -219,7 +219,7 @@ ALL: tuple[Preset, ...] = (
             Parameter("depth bias", 0.0, "", here="slope bias of one texel: zero shows acne here"),
         ),
         ("16-bit storage with a matrix that spreads the moments",),
-        _maker(Moments("hausdorff", 3e-6), Bias.create(1.0, "slope"), _cascades(4)), 2048,
+        _maker(Moments(problem="hausdorff", moment_bias=3e-6), Bias.create(1.0, "slope"), _cascades(4)), 2048,
     ),
     Preset(
         "bevy", "bevy", "four cascades, constant bias in metres, normal bias of 1.8 texels",

@@ -22,6 +22,7 @@ from shadowjax.filters.multi_depth import DepthPolicy, MultiDepth, Neighbourhood
 from shadowjax.filters.pcf import PercentageCloser
 from shadowjax.geometry.scenes import Scene
 from shadowjax.maps.shadow_map import ShadowMap
+from shadowjax.presets import named_technique
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import default_caster
 from shadowjax.report.advisor import Advice, Choice, advise
@@ -32,10 +33,11 @@ from shadowjax.techniques import MappedShadows, ShadowMapping, Technique, make_t
 Pixels = Float[np.ndarray, "height width 3"]
 Grey = Float[np.ndarray, "height width"]
 
-# A choice that shows each idea once: the test alone, filters of growing size, more depths, and both together.
+# A choice that shows each idea once: the test alone, filters of growing size, more depths, and both together; and one
+# of each family that averages codes of depth.
 DEFAULT_TECHNIQUES = (
     "hard", "pcf-3x3", "pcf-4x4", "pcf-bilinear-3x3", "2sm-max", "3sm", "2sm-max+pcf-3x3", "3sm+pcf-2x2",
-    "3sm+pcf-3x3",
+    "3sm+pcf-3x3", "vsm", "esm", "evsm4", "msm-hamburger",
 )  # fmt: skip
 # The sources whose techniques a report shows; the command `verify` checks all.
 DEFAULT_EQUATIONS = ("mdsm", "filtering", "stencil", "asm")
@@ -164,7 +166,7 @@ def collect(
     """
     caster = default_caster() if caster is None else caster
     announce = progress or (lambda step: None)
-    techniques = [make_technique(name, settings.resolution, caster) for name in settings.techniques]
+    techniques = [named_technique(name, settings.resolution, caster) for name in settings.techniques]
     announce("exact shadow by a ray for every pixel")
     view = look(scene, settings.width, settings.height, caster, settings.samples)
 
@@ -195,7 +197,7 @@ def collect(
     mapped = [
         (name, technique)
         for name, technique in zip(settings.techniques, techniques, strict=True)
-        if isinstance(technique, ShadowMapping)
+        if isinstance(technique, ShadowMapping) and technique.filter.compares
     ]
     costs = tuple(_cost(name, technique, receivers) for name, technique in mapped)
     announce("tones predicted along straight edges")

@@ -91,13 +91,14 @@ def techniques(findings: Findings, window: Window) -> str:
 def comparison(findings: Findings) -> str:
     """The records as a table."""
     columns = (
-        "technique", "light error", "RMS error", "false light", "false shadow", "edges off by", "SSIM", "tones",
-        "memory", "build", "lookup",
+        "technique", "light error", "RMS error", "false light", "false shadow", "umbra light", "edges off by", "SSIM",
+        "FLIP", "tones", "memory", "build", "lookup",
     )  # fmt: skip
     rows = [
         (
             r.technique, _percent(r.light_rmse), f"{r.rmse:.4f}", _percent(r.false_lit), _percent(r.false_shadow),
-            f"{r.edge_distance:.2f} px", "–" if r.ssim is None else f"{r.ssim:.3f}",
+            _percent(r.bleed), f"{r.edge_distance:.2f} px", "–" if r.ssim is None else f"{r.ssim:.3f}",
+            "–" if r.flip is None else f"{r.flip:.3f}",
             f"{r.tones} / {'∞' if r.tones_bound is None else r.tones_bound}",
             bytes_text(r.map_bytes), f"{r.build_ms:.1f} ms", f"{r.visibility_ms:.1f} ms",
         )
@@ -111,8 +112,8 @@ def comparison(findings: Findings) -> str:
         "table",
         "Comparison",
         f"Over the {findings.receivers:,} samples where a surface faces the light. Light error weighs visibility by "
-        "the cosine of incidence, as a picture does; the other errors count every sample alike. Times are warm "
-        "medians of three on this machine.",
+        "the cosine of incidence, as a picture does; the other errors count every sample alike. Umbra light is what "
+        "leaks into full shadow away from its edges. Times are warm medians of three on this machine.",
         table(columns, rows, numeric=range(1, len(columns)), strong=chosen),
     )
 
@@ -153,6 +154,15 @@ def advice(findings: Findings) -> str:
                 class_="paper",
             ),
             class_="pair",
+        ),
+        figure(
+            chart(
+                plotting.pareto(findings.comparison.records, "All techniques at one size of map"), "error, memory, time"
+            ),
+            "Error against memory and against time.",
+            "The line joins techniques that no other beats in error and that cost; the rest are grey. The dashed line "
+            "is the time of shadow rays.",
+            class_="paper",
         ),
     )
 

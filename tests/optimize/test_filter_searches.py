@@ -1,0 +1,126 @@
+"""Searches over biases, exponents and taps: against brute force on one small view, and through the command line."""
+
+import json
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from shadowjax import Bias, MultiDepth, Neighbourhood, PercentageCloser
+from shadowjax.cli.main import main
+from shadowjax.filters.chosen_depths import Cells, Ranks, neighbourhood_cells
+from shadowjax.filters.multi_depth import max_neighbour, min_max_neighbours, shifted
+from shadowjax.filters.offset_pcf import OffsetPercentageCloser
+from shadowjax.optimize import taps
+from shadowjax.optimize.bias import best_bias
+from shadowjax.optimize.exponent import FAMILIES, best_numbers
+from shadowjax.optimize.viewed import error_of, view_scene
+
+DEPTH = jnp.asarray(np.random.default_rng(3).uniform(1, 2, (7, 9)))
+
+
+@pytest.fixture(scope="module")
+def viewed():
+    return view_scene("plate-over-plane", 32, 24, 32)
+
+
+def test_published_policies_are_ranks_and_cells():
+    np.testing.assert_array_equal(Ranks((9,)).planes(DEPTH), max_neighbour(DEPTH))
+    np.testing.assert_array_equal(Ranks((9, 1)).planes(DEPTH), min_max_neighbours(DEPTH))
+    middle = np.median(np.stack([shifted(DEPTH, *cell) for cell in neighbourhood_cells(3)]), axis=0)
+    np.testing.assert_array_equal(Ranks((5,)).planes(DEPTH)[1], middle)
+    np.testing.assert_array_equal(Cells(((1, -2),)).planes(DEPTH)[1], shifted(DEPTH, 1, -2))
+    assert (Cells(((1, -2),)).radius, Ranks((3, 7)).num_depths) == (2.0, 3)
+    with pytest.raises(ValueError, match="lies between 1 and 9; got 10"):
+        Ranks((10,))
+    with pytest.raises(ValueError, match="at least one"):
+        Cells(())
+
+
+def test_the_best_bias_is_the_best_of_a_fine_scan(viewed):
+    found = best_bias((viewed,), PercentageCloser(3), "slope", 9)
+    assert found.error <= min(found.default_error, found.no_bias_error)
+    assert found.default_slope == 1.5
+    scan = [float(error_of(viewed.read(PercentageCloser(3), Bias.create(v)), viewed)) for v in (0.5, 1.0, 1.5, 3.0)]
+    assert found.error <= min(scan) + 1e-12
+    assert 0 < found.needed_slope <= 1.5 + 1e-9
+    assert list(found.values) == sorted(found.values)
+    assert found.error == min(found.errors)
+
+
+def test_errors_of_sets_are_those_of_the_filter(viewed):
+    """The matrix of inner products gives what the composite test of those planes gives."""
+    for members, policy in (((9,), Neighbourhood("max")), ((1, 9), Neighbourhood("min-max"))):
+        planes = np.asarray(taps._plane_visibilities(viewed, "ranks", 1))
+        squared = taps.set_errors(planes, viewed, [members])[0]
+        direct = float(error_of(viewed.read(MultiDepth(policy)), viewed))
+        assert np.sqrt(squared) == pytest.approx(direct, rel=1e-9)
+
+
+def test_the_best_set_is_the_best_of_all(viewed):
+    found = taps.best_depths((viewed,), (viewed,), 3, 1)
+    assert found.num_sets == 36
+    others = [
+        float(error_of(viewed.read(MultiDepth(Ranks(pair))), viewed)) for pair in ((1, 9), (3, 7), (4, 6), (2, 8))
+    ]
+    assert found.error <= min(others) + 1e-12
+    assert float(error_of(viewed.read(MultiDepth(found.policy)), viewed)) == pytest.approx(found.error, rel=1e-9)
+    assert found.published["min-max"][0] == pytest.approx(others[0], rel=1e-9)
+    cells = taps.best_depths((viewed,), (viewed,), 2, 1, "cells")
+    assert isinstance(cells.policy, Cells)
+    assert cells.error <= cells.published["ring"][0]
+
+
+def test_offset_taps_on_the_grid_are_bilinear_pcf_and_their_gradient_is_right(viewed):
+    offsets = jnp.asarray([[-0.4, -0.3], [0.35, 0.2]])
+    slope = eqx.filter_grad(lambda o: taps._taps_error(o, (viewed,), 1.5))(offsets)
+    step = 1e-6
+    for i, j in ((0, 0), (1, 1)):
+        up, down = (taps._taps_error(offsets.at[i, j].add(s * step), (viewed,), 1.5) for s in (1, -1))
+        assert float(slope[i, j]) == pytest.approx(float((up - down) / (2 * step)), rel=1e-4, abs=1e-9)
+    found = taps.best_taps((viewed,), (viewed,), 1, 4)
+    assert found.error <= found.start_error
+    assert np.abs(np.asarray(found.offsets)).max() < 1.0
+    with pytest.raises(ValueError, match=r"must have shape \(taps, 2\)"):
+        OffsetPercentageCloser.create([1.0, 2.0])
+
+
+def test_a_search_of_numbers_never_ends_above_its_start(viewed):
+    found = best_numbers((viewed,), "vsm", 3, 4, (viewed,))
+    assert len(found.tried) == 4
+    assert found.error == min(error for _, error in found.tried)
+    assert found.gain >= 1
+    assert found.test_error == pytest.approx(found.error)
+    for family in FAMILIES.values():
+        for knob in family.knobs:
+            assert knob.low <= knob.start <= knob.high
+            assert knob.low <= knob.move(knob.start, 1) <= knob.high
+
+
+@pytest.mark.parametrize("command", ["bias", "taps"])
+def test_commands_write_json_from_their_quick_configs(command, tmp_path, capsys):
+    config = tmp_path / "quick.toml"
+    scenes = 'scenes = ["plate-over-plane"]\nwidth = 32\nheight = 24\nresolution = 32\n'
+    config.write_text(scenes + ('test_scenes = ["two-plates"]\nkernel_size = 1\n' if command == "taps" else ""))
+    assert main(["optimize", command, "--config", str(config), "--json", "-"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["error"] > 0
+    assert {"bias": "needed_slope", "taps": "chosen"}[command] in found
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["taps", "--scenes", "fence", "--test-scenes", "fence"], "both have fence"),
+        (["bias", "--technique", "exact"], "exact reads no map"),
+        (["bias", "--technique", "pcf33"], "did you mean"),
+        (["exponent", "--filter", "esm3"], "--filter"),
+        (["bias", "--resolution", "0"], "resolution must be"),
+    ],
+)
+def test_bad_input_exits_2_with_one_line(arguments, told, capsys):
+    assert main(["optimize", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.err.strip().splitlines()[-1].startswith("shadowjax: ")
+    assert told in captured.err
