@@ -17,11 +17,15 @@ from shadowjax.rays._grid_project import depth_of_key, is_projective, place, vie
 from shadowjax.rays._grid_tiles import search_tiles
 from shadowjax.rays._grid_visible import blocked, from_lines, to_lines
 from shadowjax.rays.brute import BruteForce
+from shadowjax.rays.bvh import BoundingVolumeHierarchy
 from shadowjax.rays.caster import Caster, shadow_limits
 from shadowjax.rays.light_space import UNREACHED, DirectionalSpace, LightSpace, farthest
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray import MISS, Hit, Rays, intersect
 from shadowjax.rays.ray_grid import RayGrid
+
+# Below this many triangles a tree is not worth building in every call.
+FEW_FACES = 4096
 
 
 class Grid(Caster):
@@ -32,14 +36,14 @@ class Grid(Caster):
     a space that bends lines (a point light's octahedron), and rays without a grid, go to `others`.
 
     Attributes:
-        others: The caster for rays that this one cannot draw.
+        others: The caster for rays that this one cannot draw; None takes a tree, or brute force for small meshes.
     """
 
-    others: Caster = eqx.field(default_factory=BruteForce)
+    others: Caster | None = None
 
     def closest(self, mesh: Mesh, rays: Rays) -> Hit:
         """First hit of arbitrary rays, by `others`."""
-        return self.others.closest(mesh, rays)
+        return self._others(mesh).closest(mesh, rays)
 
     def closest_on_grid(self, mesh: Mesh, grid: RayGrid) -> Hit:
         """First hit of every ray of a grid, shape (rows, cols); ties in depth go to the lowest triangle index.
@@ -49,7 +53,7 @@ class Grid(Caster):
             grid: Rays of one space; its plane map must keep the sides of the unit square straight.
         """
         if not is_projective(grid.space):
-            return self.others.closest_on_grid(mesh, grid)
+            return self._others(mesh).closest_on_grid(mesh, grid)
         _, face = _search(jax.lax.stop_gradient(mesh), jax.lax.stop_gradient(_unwrapped(grid)), True)
         return intersect(mesh, grid.rays(), face)
 
@@ -59,13 +63,13 @@ class Grid(Caster):
         Depth comes from the triangle's plane as it is drawn, and agrees with `closest_on_grid` to a few roundings.
         """
         if not is_projective(grid.space):
-            return self.others.closest_on_grid(mesh, grid).depth
+            return self._others(mesh).closest_on_grid(mesh, grid).depth
         return _depth(mesh, _unwrapped(grid))
 
     def faces_on_grid(self, mesh: Mesh, grid: RayGrid) -> tuple[Float[Array, "rows cols"], Int[Array, "rows cols"]]:
         """Depth as in `depth_on_grid`, and the triangle hit (−1 for a miss), without barycentrics."""
         if not is_projective(grid.space):
-            hit = self.others.closest_on_grid(mesh, grid)
+            hit = self._others(mesh).closest_on_grid(mesh, grid)
             return hit.depth, hit.face
         return _depth_and_face(mesh, _unwrapped(grid))
 
@@ -77,8 +81,13 @@ class Grid(Caster):
         Points that are given as an image, (rows, cols, 3), are tested in blocks of neighbours, which is faster.
         """
         if not is_projective(space):
-            return self.others.visible(mesh, space, points, normals)
+            return self._others(mesh).visible(mesh, space, points, normals)
         return _visible(*jax.lax.stop_gradient((mesh, space, points, normals)))
+
+    def _others(self, mesh: Mesh) -> Caster:
+        if self.others is not None:
+            return self.others
+        return BruteForce() if mesh.num_faces < FEW_FACES else BoundingVolumeHierarchy()
 
 
 def _unwrapped(grid: RayGrid) -> RayGrid:
