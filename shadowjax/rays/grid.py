@@ -153,9 +153,10 @@ def _dense(tangent: Any) -> Any:
     """A tangent with the zeros written out that JAX knows by name."""
     if not isinstance(tangent, SymbolicZero):
         return tangent
-    if tangent.dtype == jax.dtypes.float0:
-        return np.zeros(tangent.shape, jax.dtypes.float0)
-    return jnp.zeros(tangent.shape, tangent.dtype)
+    kind: Any = tangent.aval
+    if kind.dtype == jax.dtypes.float0:
+        return np.zeros(kind.shape, jax.dtypes.float0)
+    return jnp.zeros(kind.shape, kind.dtype)
 
 
 @sequential_vmap
@@ -168,6 +169,7 @@ def _visible(mesh: Mesh, space: LightSpace, points: Points, normals: Points | No
         limit = -jnp.sqrt(1 + u * u + v * v) / jnp.where(limit > 0, limit, jnp.ones_like(limit))
     # The key is never beyond that of the far limit, which is not looked at here.
     is_image = limit.ndim == 2
-    lines = [to_lines(part, is_image) for part in (u, v, limit, counts)]
-    dark = blocked(mesh, space, *lines, farthest(space, *mesh.bounds()))
-    return facing & ~from_lines(dark, limit.shape, is_image)
+    u, v, limit, tested = (to_lines(part, is_image) for part in (u, v, limit, counts))
+    lower, upper = mesh.bounds()
+    dark = blocked(mesh, space, u, v, limit, tested, farthest(space, lower, upper))
+    return facing & ~from_lines(dark, facing.shape, is_image)
