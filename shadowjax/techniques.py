@@ -190,7 +190,8 @@ class MappedShadows(Shadows):
             f"{type(filter_).__name__} needs {filter_.cast_factor} rays a texel along an axis, but these maps have "
             f"{self.filter.cast_factor}; build the technique anew",
         )
-        return _read_with(filter_, self.partition, self.camera, self.maps, bias, self.layer)
+        other = _read_with(filter_, self.partition, self.camera, self.maps, bias, self.layer)
+        return other if self.view is None else other.seen_by(self.view)
 
     def seen_by(self, view: RayGrid) -> "MappedShadows":
         """The same shadows for an image: lookups know the footprint of its pixels, taken on the receiver's plane.

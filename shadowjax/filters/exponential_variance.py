@@ -11,7 +11,7 @@ from shadowjax._types import Array, Float
 from shadowjax.filters.encoded import Encoded, Values
 from shadowjax.filters.exponential import check_exponent
 from shadowjax.filters.prefilter import Prefilter
-from shadowjax.filters.variance import _chebyshev, check_step, linear_step, surface_slopes
+from shadowjax.filters.variance import _chebyshev, check_spread, check_step, linear_step, surface_slopes
 
 Numbers = Float[Array, "*points"]
 
@@ -91,9 +91,7 @@ class ExponentialVariance(Encoded):
         for name, exponent in (("positive", self.positive), ("negative", self.negative)):
             finite = exponent is None or (bool(np.isfinite(exponent)) and exponent > 0)
             require(finite, f"{name} is the magnitude of an exponent, > 0; got {exponent}")
-        require(self.min_variance >= 0, f"min_variance must not be negative; got {self.min_variance}")
-        require(self.footprint >= 0, f"footprint is a mean square, ≥ 0; got {self.footprint}")
-        require(self.slope_limit >= 0, f"slope_limit must not be negative; got {self.slope_limit}")
+        check_spread(self.min_variance, self.footprint, self.slope_limit)
         check_step(self.bleed_low, self.bleed_high)
 
     @property

@@ -127,6 +127,13 @@ def check_step(low: float, high: float) -> None:
     require(0 <= low < high <= 1, f"light bleeding is cut between 0 ≤ low < high ≤ 1; got low {low} and high {high}")
 
 
+def check_spread(min_variance: float, footprint: float, slope_limit: float) -> None:
+    """Complain about a negative least variance, footprint or limit of slopes."""
+    require(min_variance >= 0, f"min_variance must not be negative; got {min_variance}")
+    require(footprint >= 0, f"footprint is a mean square, ≥ 0; got {footprint}")
+    require(slope_limit >= 0, f"slope_limit must not be negative; got {slope_limit}")
+
+
 class Variance(Encoded):
     """Variance shadow maps. Depths are parts of the map's range, [0, 1].
 
@@ -148,9 +155,7 @@ class Variance(Encoded):
     slope_limit: float = eqx.field(static=True, default=0.05)
 
     def __check_init__(self):
-        require(self.min_variance >= 0, f"min_variance must not be negative; got {self.min_variance}")
-        require(self.footprint >= 0, f"footprint is a mean square, ≥ 0; got {self.footprint}")
-        require(self.slope_limit >= 0, f"slope_limit must not be negative; got {self.slope_limit}")
+        check_spread(self.min_variance, self.footprint, self.slope_limit)
         check_step(self.bleed_low, self.bleed_high)
 
     def encode(self, depth: Float[Array, "rows cols"]) -> Float[Array, "n rows cols"]:

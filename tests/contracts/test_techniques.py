@@ -7,7 +7,18 @@ import numpy as np
 import pytest
 from shapes import above, lights, plate_over_plane
 
-from shadowjax import TECHNIQUES, Bias, Hard, Mesh, ShadowMapping, cast, make_technique
+from shadowjax import (
+    TECHNIQUES,
+    Bias,
+    Hard,
+    Mesh,
+    Prefilter,
+    ShadowMapping,
+    Variance,
+    camera_grid,
+    cast,
+    make_technique,
+)
 
 RESOLUTION = 32
 visibility = eqx.filter_jit(lambda shadows, points, normals: shadows.visibility(points, normals))
@@ -174,3 +185,18 @@ def test_with_filter_reads_the_same_maps_with_that_filters_own_bias(built):
     np.testing.assert_array_equal(visibility(other, points, normals), visibility(expected, points, normals))
     biased = built["hard"].with_filter(Hard(), Bias.create(5.0, "world"))
     assert float(jnp.min(visibility(biased, points, normals))) == 1
+
+
+@pytest.mark.parametrize("sampling", ["trilinear", "anisotropic", "summed-area"])
+def test_footprints_of_an_image_reach_the_filter(built, sampling):
+    """Seen in few pixels the shadow's mean stays and its edges soften; without an image a texel is averaged."""
+    points, normals = floor_points(jnp.float64, num=16)
+    near = built["vsm"].with_filter(Variance(Prefilter(1, sampling=sampling, max_anisotropy=4), min_variance=1e-6))
+    coarse = near.seen_by(camera_grid(above(), 6, 6))
+    plain = built["vsm"].with_filter(Variance(Prefilter(1)))
+    sharp, soft, reference = (visibility(shadows, points, normals) for shadows in (near, coarse, plain))
+    if sampling != "anisotropic":
+        # A footprint of one texel is the bilinear read.
+        np.testing.assert_allclose(sharp, reference, atol=1e-9)
+    assert float(jnp.max(jnp.abs(soft - reference))) > 0.1
+    assert 0 <= float(jnp.min(soft)) <= float(jnp.max(soft)) <= 1

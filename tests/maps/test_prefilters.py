@@ -62,30 +62,30 @@ def test_trilinear_reads_are_exact_at_whole_levels_and_linear_between():
 
 
 def test_axes_of_a_footprint_are_its_singular_values():
-    axis, longer, shorter = footprint_axes(jnp.asarray(JACOBIANS))
+    axis, longer, shorter = jax.jit(footprint_axes)(jnp.asarray(JACOBIANS))
     directions, values, _ = np.linalg.svd(JACOBIANS)
     np.testing.assert_allclose(np.stack([longer, shorter], -1), values, rtol=1e-9)
     np.testing.assert_allclose(np.abs(np.sum(directions[:, :, 0] * np.asarray(axis), -1)), 1, rtol=1e-9)
     sides = np.linalg.norm(JACOBIANS, axis=1).max(axis=1)
     np.testing.assert_allclose(mip_level(jnp.asarray(JACOBIANS)), np.log2(np.maximum(sides, 1)), atol=1e-12)
-    turned = jax.grad(lambda j: jnp.sum(footprint_axes(j)[1]))(jnp.eye(2)[None] * 3)
+    turned = jax.jit(jax.grad(lambda j: jnp.sum(footprint_axes(j)[1])))(jnp.eye(2)[None] * 3)
     assert np.isfinite(turned).all()
 
 
 def test_anisotropic_reads_keep_what_isotropic_ones_blur_away():
     """A footprint 16 × 1 texels along the stripes of a map: the mean stays the stripe's own value."""
     stripes = jnp.broadcast_to(jnp.asarray([0.0, 1.0])[jnp.arange(64) % 2, None], (64, 64))[None]
-    chain = mip_chain(stripes)
+    chain = jax.jit(mip_chain)(stripes)
     footprint = jnp.asarray([[[16.0, 0.0], [0.0, 1.0]]])
     position = jnp.asarray([[32.0, 31.5]])
-    (sharp,) = read_anisotropic(chain, position, footprint, 16)
-    (smeared,) = read_trilinear(chain, position, mip_level(footprint))
+    (sharp,) = jax.jit(lambda f: read_anisotropic(chain, position, f, 16))(footprint)
+    (smeared,) = jax.jit(lambda f: read_trilinear(chain, position, mip_level(f)))(footprint)
     np.testing.assert_allclose(sharp, 1.0, atol=1e-12)
     np.testing.assert_allclose(smeared, 0.5, atol=1e-12)
 
 
 def test_box_means_are_area_weighted():
-    table, position = summed_area_table(jnp.asarray(MAP)), jnp.asarray(POSITION)
+    table, position = jax.jit(summed_area_table)(jnp.asarray(MAP)), jnp.asarray(POSITION)
     read = jax.jit(lambda size: jnp.stack(read_box_mean(table, position, jnp.full((40, 2), size))))
     # The mean over one texel's square is the bilinear read.
     np.testing.assert_allclose(read(1.0), read_bilinear(jnp.asarray(MAP), position), atol=1e-12)
