@@ -7,8 +7,8 @@ that, and that a 7 × 7 blur costs 10–20 %.
 Measured here: making the map's planes, with and without the blur, and looking them up for every pixel, in processor
 time, which other programs do not stretch, each the least of several calls. Found: the order is the source's, for the
 same reason: 32 planes are blurred and read instead of one or two. XCSM is cheap to make; its lookup computes the series
-instead of reading it. The 10–20 % do not even hold in the source's own tables: 22 of 48 cells lie outside, the worst
-at 43 %.
+instead of reading it. The 10–20 % do not even hold in the source's own tables: 22 of 48 cells lie outside, the worst at
+43 %.
 
 How to read it: left, the source's loss by blur, cell by cell, between the lines it claims; middle and right, times here
 over that of PCF 3 × 3.
