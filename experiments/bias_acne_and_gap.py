@@ -243,7 +243,7 @@ def draw(result: Result) -> Figure:
     left.scatter(across[dark], up[dark], s=6 + 160 * np.clip(result.acne[dark], 0, 0.4), color=PALETTE[1], label="acne")
     left.scatter(across[~dark], up[~dark], s=6, color=PALETTE[0], marker="s", label="clean")
     left.plot(degrees, result.border, color="#1d2330", label="predicted border")
-    left.legend(loc="upper right")
+    left.legend(loc="upper right", frameon=True, framealpha=1.0, edgecolor="none")
     label(left, "elevation of the light (°)", "bias (texels)", "Acne, and the line it ends at")
     for index, row in enumerate(range(0, len(degrees), max(1, len(degrees) // 3))):
         middle.plot(
