@@ -10,13 +10,13 @@ from shadowjax._types import Array, Bool, Float, Int, UInt
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays._grid_general import generalise
 from shadowjax.rays._grid_project import FIRST_COL, FIRST_ROW, LAST_COL, LAST_ROW, Vertices, View, general_mark
-from shadowjax.rays._grid_store import Buffers, finish, merge, start
+from shadowjax.rays._grid_store import Buffers, finish, merge, packs, start
 from shadowjax.rays.ray_grid import RayGrid
 
 # XLA compiles a loop to one piece of machine code while an iteration touches less than about 1 kB; beyond that it
 # dispatches every operation of every iteration, fifty times slower. A tile of 4 × 4 numbers keeps below and lies in one
 # line of the cache; for depth alone 4 × 8 do too, and are fewer for triangles of more than a few cells.
-ROWS, SMALL, WIDE = 4, 4, 8
+ROWS, NARROW, SMALL, WIDE = 4, 1, 4, 8
 # Cells for each triangle from which wide tiles are faster.
 SPARSE = 4
 # Triangles classed together: few enough that their list stays in the cache.
@@ -104,6 +104,13 @@ def tiles_of(grid: RayGrid, table: View, width: int) -> Tiles:
     return Tiles(*lax.optimization_barrier((to_tiles(u, width), to_tiles(v, width))), down, across, width)
 
 
+def tile_width(dtype: Any, with_face: bool, is_sparse: bool) -> int:
+    """Cells across a tile, such that an iteration stays below the limit of a loop compiled whole."""
+    if with_face and not packs(dtype, with_face):
+        return NARROW
+    return (WIDE if is_sparse and not with_face else SMALL) * 4 // dtype.itemsize
+
+
 def search_tiles(
     grid: RayGrid, table: View, mesh: Mesh, vertices: Vertices, with_face: bool
 ) -> tuple[Array, Array | None]:
@@ -112,7 +119,7 @@ def search_tiles(
     Time grows with triangles and with the tiles of their boxes; no list can overflow.
     """
     num_cells = grid.num_rows * grid.num_cols
-    width = WIDE if not with_face and SPARSE * mesh.num_faces < num_cells else SMALL
+    width = tile_width(table.start.dtype, with_face, SPARSE * mesh.num_faces < num_cells)
     tiles = tiles_of(grid, table, width)
     corners = lax.bitcast_convert_type(mesh.faces.astype(jnp.int32), jnp.uint32)
     num_faces = mesh.num_faces
