@@ -37,6 +37,11 @@ class Caster(eqx.Module):
         """Depth alone of every ray of a grid; casters that can find it faster override this."""
         return self.closest_on_grid(mesh, grid).depth
 
+    def prefers_images(self, space: LightSpace) -> bool:
+        """Whether `visible` is faster for points that lie as neighbours in an image, (rows, cols, 3), than in a list."""
+        del space
+        return False
+
     def visible(
         self, mesh: Mesh, space: LightSpace, points: Points, normals: Points | None = None
     ) -> Bool[Array, "*points"]:

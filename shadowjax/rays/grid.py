@@ -69,6 +69,10 @@ class Grid(Caster):
             return hit.depth, hit.face
         return _depth_and_face(mesh, _unwrapped(grid))
 
+    def prefers_images(self, space: LightSpace) -> bool:
+        """True for spaces whose points are put into cells: neighbours share them."""
+        return is_projective(space)
+
     def visible(
         self, mesh: Mesh, space: LightSpace, points: Points, normals: Points | None = None
     ) -> Bool[Array, "*points"]:

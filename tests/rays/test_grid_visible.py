@@ -8,9 +8,11 @@ import pytest
 from grids import padded, turned
 from shapes import plate_over_plane, random_soup
 
-from shadowjax import BruteForce, Mesh
+from shadowjax import BruteForce, Mesh, shading, visibility_on
 from shadowjax.rays.grid import Grid
 from shadowjax.rays.light_space import DirectionalSpace, OctahedralSpace, PerspectiveSpace
+from shadowjax.shading import Surface
+from shadowjax.techniques import ExactShadows
 
 ROWS, COLS = 21, 26
 SOUP = 61
@@ -148,3 +150,23 @@ def test_a_bent_space_is_traced():
     space = OctahedralSpace(jnp.asarray([0.1, 0.2, 0.05], dtype))
     got = Grid().visible(mesh, space, points, normals)
     np.testing.assert_array_equal(got, BruteForce().visible(mesh, space, points, normals))
+
+
+def test_exact_shadows_of_a_picture_come_in_bands(monkeypatch):
+    """The exact technique takes whole images with this caster, cut into bands where they are large."""
+    dtype = jnp.float32
+    mesh, space = padded(random_soup(SOUP, 3, dtype)), spaces(dtype)["directional"]
+    points, normals = surface(mesh)
+    drawn = ExactShadows(mesh, space, Grid())
+    assert drawn.prefers_images
+    assert not ExactShadows(mesh, space, BruteForce()).prefers_images
+    assert not ExactShadows(mesh, OctahedralSpace(space.origin), Grid()).prefers_images
+    seen = jnp.arange(COLS) != 3
+    face = jnp.broadcast_to(jnp.where(seen, 0, -1), (ROWS, COLS)).astype(jnp.int32)
+    picture = Surface(points, normals, normals, normals, normals, points[..., 0], face)
+    monkeypatch.setattr(shading, "IMAGE_CHUNK", 8 * COLS)
+    want = np.asarray(jitted_grid(mesh, space, points, normals)) | ~np.asarray(seen)
+    got = np.asarray(visibility_on(picture, drawn))
+    assert 0.05 < want.mean() < 0.95
+    # Another program may round a shadow's edge otherwise.
+    assert np.mean(got != want) <= 0.005
