@@ -38,7 +38,7 @@ class Caster(eqx.Module):
         return self.closest_on_grid(mesh, grid).depth
 
     def prefers_images(self, space: LightSpace) -> bool:
-        """Whether `visible` is faster for points that lie as neighbours in an image, (rows, cols, 3), than in a list."""
+        """Whether `visible` is faster for points of an image, (rows, cols, 3), than for a list of them."""
         del space
         return False
 
