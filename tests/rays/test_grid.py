@@ -166,12 +166,11 @@ def test_vmap_over_vertices_is_a_loop():
     dtype, rounding = jnp.float32, 2e-6
     mesh, grid = padded(random_soup(61, 1, dtype)), views(dtype)["perspective inside"]
     moved = mesh.vertices + 0.1 * jnp.arange(3, dtype=dtype)[:, None, None]
-    (_, faces), depths = eqx.filter_jit(
-        jax.vmap(lambda v: jitted_fast(eqx.tree_at(lambda m: m.vertices, mesh, v), grid))
-    )(moved)
+    depths = eqx.filter_jit(jax.vmap(lambda v: Grid().depth_on_grid(eqx.tree_at(lambda m: m.vertices, mesh, v), grid)))(
+        moved
+    )
     for k in range(3):
-        (_, face), depth = jitted_fast(eqx.tree_at(lambda m: m.vertices, mesh, moved[k]), grid)
-        np.testing.assert_array_equal(faces[k], face)
+        _, depth = jitted_fast(eqx.tree_at(lambda m: m.vertices, mesh, moved[k]), grid)
         # Two compiled programs may fuse a multiplication and an addition differently: roundings, not bits.
         np.testing.assert_allclose(depths[k], depth, rtol=rounding)
 

@@ -64,13 +64,8 @@ def assert_same(mesh, space, points, normals) -> np.ndarray:
     return got
 
 
-# Each dtype meets both lights, both shapes of points, and points with and without normals; not every product of them.
-CASES = [
-    ("directional", jnp.float32, True, True),
-    ("spot", jnp.float32, False, True),
-    ("spot", jnp.float64, True, False),
-    ("directional", jnp.float64, False, False),
-]
+# Two programs that differ in everything: light, dtype, shape of the points, normals.
+CASES = [("directional", jnp.float32, True, True), ("spot", jnp.float64, False, False)]
 
 
 @pytest.mark.parametrize("where", ["", " inside"])
@@ -123,12 +118,10 @@ def test_one_point_and_many_lights_at_once():
     positions = jnp.asarray([[0.0, 4, 0], [6.0, 2, 0], [0.5, 0.5, 0.5], [0.0, -4, 0]], dtype)
     frame = jnp.asarray([[1.0, 0, 0], [0, 0, -1], [0, -1, 0]], dtype)
 
-    def lit(position, caster):
-        return caster.visible(mesh, PerspectiveSpace(position, frame), point, None)
+    def lit(position):
+        return Grid().visible(mesh, PerspectiveSpace(position, frame), point, None)
 
-    got = jax.jit(jax.vmap(lambda position: lit(position, Grid())))(positions)
-    assert got.tolist() == [[False], [True], [True], [True]]
-    assert [lit(position, BruteForce()).tolist() for position in positions] == got.tolist()
+    assert jax.jit(jax.vmap(lit))(positions).tolist() == [[False], [True], [True], [True]]
 
 
 def test_a_wide_world_is_no_exception():
