@@ -101,7 +101,8 @@ def tiles_of(grid: RayGrid, table: View, width: int) -> Tiles:
         u, v = jnp.tile(table.u, (ROWS, 1)), jnp.tile(table.v[:, None], (1, width))
     else:
         u, v = table.u, table.v
-    return Tiles(*lax.optimization_barrier((to_tiles(u, width), to_tiles(v, width))), down, across, width)
+    u, v = lax.optimization_barrier((to_tiles(u, width), to_tiles(v, width)))
+    return Tiles(u, v, down, across, width)
 
 
 def tile_width(dtype: Any, with_face: bool, is_sparse: bool) -> int:

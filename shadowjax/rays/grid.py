@@ -148,9 +148,10 @@ def _dense(tangent: Any) -> Any:
     """A tangent with the zeros written out that JAX knows by name."""
     if not isinstance(tangent, SymbolicZero):
         return tangent
-    if tangent.dtype == jax.dtypes.float0:
-        return np.zeros(tangent.shape, jax.dtypes.float0)
-    return jnp.zeros(tangent.shape, tangent.dtype)
+    zero: Any = tangent
+    if zero.dtype == jax.dtypes.float0:
+        return np.zeros(zero.shape, jax.dtypes.float0)
+    return jnp.zeros(zero.shape, zero.dtype)
 
 
 @sequential_vmap
@@ -163,6 +164,6 @@ def _visible(mesh: Mesh, space: LightSpace, points: Points, normals: Points | No
         limit = -jnp.sqrt(1 + u * u + v * v) / jnp.where(limit > 0, limit, jnp.ones_like(limit))
     # The key is never beyond that of the far limit, which is not looked at here.
     is_image = limit.ndim == 2
-    lines = [to_lines(part, is_image) for part in (u, v, limit, counts)]
-    dark = blocked(mesh, space, *lines, farthest(space, *mesh.bounds()))
+    u, v, lines, counts = (to_lines(part, is_image) for part in (u, v, limit, counts))
+    dark = blocked(mesh, space, u, v, lines, counts, farthest(space, *mesh.bounds()))
     return facing & ~from_lines(dark, limit.shape, is_image)
