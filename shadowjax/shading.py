@@ -16,6 +16,8 @@ from shadowjax.techniques import Shadows
 
 # Receivers looked up together: bounds memory, large enough that loops cost nothing.
 RECEIVER_CHUNK = 1 << 18
+# The same for techniques that take images, which need fewer bytes for each receiver.
+IMAGE_CHUNK = 1 << 22
 
 
 class Surface(eqx.Module):
@@ -110,8 +112,13 @@ def trace_surface(
 def visibility_on(surface: Surface, shadows: Shadows) -> Float[Array, "rows cols"]:
     """Visibility of every sample of a surface; background counts as lit.
 
-    Works in chunks, so that memory stays bounded for large images.
+    Works in chunks, so that memory stays bounded for large images: bands of rows for techniques that prefer images,
+    else lists.
     """
+    if shadows.prefers_images:
+        rows = max(1, IMAGE_CHUNK // max(1, surface.face.shape[1]))
+        value = map_in_chunks(lambda band: shadows.visibility(*band), (surface.points, surface.normals), rows)
+        return jnp.where(surface.is_seen, value, 1.0)
     flat = (surface.points.reshape(-1, 3), surface.normals.reshape(-1, 3))
     value = map_in_chunks(lambda chunk: shadows.visibility(*chunk), flat, RECEIVER_CHUNK)
     return jnp.where(surface.is_seen, value.reshape(surface.face.shape), 1.0)

@@ -56,6 +56,11 @@ class Shadows(eqx.Module):
     def map_bytes(self) -> int:
         """Bytes of all stored planes."""
 
+    @property
+    def prefers_images(self) -> bool:
+        """Whether `visibility` is faster for points of an image, (rows, cols, 3), than for a list of them."""
+        return False
+
 
 class Technique(eqx.Module):
     """A way to answer "how much of the light arrives here?"."""
@@ -242,8 +247,11 @@ class MappedShadows(Shadows):
 class Exact(Technique):
     """The truth: a shadow ray for every point, no map and no bias.
 
+    With the `Grid` caster this is an alias-free shadow map: points are put into cells of the light's plane and
+    triangles are drawn over them, which gives the same answers without a traced ray.
+
     Attributes:
-        caster: Traces the shadow rays.
+        caster: Finds what blocks the shadow rays.
     """
 
     caster: Caster = BruteForce()
@@ -280,6 +288,11 @@ class ExactShadows(Shadows):
     def map_bytes(self) -> int:
         """No map."""
         return 0
+
+    @property
+    def prefers_images(self) -> bool:
+        """As its caster does for the light's rays."""
+        return self.caster.prefers_images(self.space)
 
 
 def _mapping(filter_: Callable[[], Filter], layer: str = "first") -> Callable[..., Technique]:

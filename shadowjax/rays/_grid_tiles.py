@@ -6,17 +6,18 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import lax
 
+from shadowjax._checks import require
 from shadowjax._types import Array, Bool, Float, Int, UInt
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays._grid_general import generalise
 from shadowjax.rays._grid_project import FIRST_COL, FIRST_ROW, LAST_COL, LAST_ROW, Vertices, View, general_mark
-from shadowjax.rays._grid_store import Buffers, finish, merge, start
+from shadowjax.rays._grid_store import Buffers, finish, merge, packs, start
 from shadowjax.rays.ray_grid import RayGrid
 
 # XLA compiles a loop to one piece of machine code while an iteration touches less than about 1 kB; beyond that it
 # dispatches every operation of every iteration, fifty times slower. A tile of 4 × 4 numbers keeps below and lies in one
 # line of the cache; for depth alone 4 × 8 do too, and are fewer for triangles of more than a few cells.
-ROWS, SMALL, WIDE = 4, 4, 8
+ROWS, NARROW, SMALL, WIDE = 4, 1, 4, 8
 # Cells for each triangle from which wide tiles are faster.
 SPARSE = 4
 # Triangles classed together: few enough that their list stays in the cache.
@@ -97,12 +98,24 @@ def from_tiles(lines: Array, rows: int, cols: int) -> Array:
 def tiles_of(grid: RayGrid, table: View, width: int) -> Tiles:
     """Tables of a grid's tiles."""
     down, across = -(-grid.num_rows // ROWS), -(-grid.num_cols // width)
+    require(
+        max(down, across) <= HALF + 1,
+        f"a grid of {grid.num_rows} × {grid.num_cols} cells is too large for one search; cast it in bands of rows, "
+        "see `shadowjax.rays.bands`",
+    )
     if table.u.ndim == 1:
         u, v = jnp.tile(table.u, (ROWS, 1)), jnp.tile(table.v[:, None], (1, width))
     else:
         u, v = table.u, table.v
     u, v = lax.optimization_barrier((to_tiles(u, width), to_tiles(v, width)))
     return Tiles(u, v, down, across, width)
+
+
+def tile_width(dtype: Any, with_face: bool, is_sparse: bool) -> int:
+    """Cells across a tile, such that an iteration stays below the limit of a loop compiled whole."""
+    if with_face and not packs(dtype, with_face):
+        return NARROW
+    return (WIDE if is_sparse and not with_face else SMALL) * 4 // dtype.itemsize
 
 
 def search_tiles(
@@ -113,7 +126,7 @@ def search_tiles(
     Time grows with triangles and with the tiles of their boxes; no list can overflow.
     """
     num_cells = grid.num_rows * grid.num_cols
-    width = WIDE if not with_face and SPARSE * mesh.num_faces < num_cells else SMALL
+    width = tile_width(table.start.dtype, with_face, SPARSE * mesh.num_faces < num_cells)
     tiles = tiles_of(grid, table, width)
     corners = lax.bitcast_convert_type(mesh.faces.astype(jnp.int32), jnp.uint32)
     num_faces = mesh.num_faces

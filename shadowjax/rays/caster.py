@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from shadowjax._numerics import dot, map_in_chunks
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays.light_space import LightSpace
+from shadowjax.rays.light_space import LightSpace, is_reached
 from shadowjax.rays.ray import Hit, Rays
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -37,6 +37,11 @@ class Caster(eqx.Module):
         """Depth alone of every ray of a grid; casters that can find it faster override this."""
         return self.closest_on_grid(mesh, grid).depth
 
+    def prefers_images(self, space: LightSpace) -> bool:
+        """Whether `visible` is faster for points of an image, (rows, cols, 3), than for a list of them."""
+        del space
+        return False
+
     def visible(
         self, mesh: Mesh, space: LightSpace, points: Points, normals: Points | None = None
     ) -> Bool[Array, "*points"]:
@@ -51,7 +56,8 @@ class Caster(eqx.Module):
                 towards the light.
 
         Returns:
-            True where lit.
+            True where nothing blocks the ray. No ray arrives behind a spot light, so nothing blocks one there:
+            `Light.covers` makes such points dark.
         """
         rays, facing = shadow_rays(mesh, space, points, normals)
         return facing & ~self.closest(mesh, rays).is_hit
@@ -67,7 +73,9 @@ def shadow_limits(
     size = jnp.maximum(mesh.extent, jnp.max(jnp.abs(jnp.stack(mesh.bounds()))))
     gap = SURFACE_ROUNDINGS * jnp.finfo(points.dtype).eps * size
     plane, depth = space.project(points + gap * side)
-    return plane, depth - gap, dot(to_source, side) > 0
+    # Nothing can meet a ray that ends before it starts.
+    limit = jnp.where(is_reached(space, plane), depth - gap, -jnp.ones_like(depth))
+    return plane, limit, dot(to_source, side) > 0
 
 
 def shadow_rays(

@@ -19,7 +19,7 @@ from shadowjax.rays._grid_visible import blocked, from_lines, to_lines
 from shadowjax.rays.brute import BruteForce
 from shadowjax.rays.bvh import BoundingVolumeHierarchy
 from shadowjax.rays.caster import Caster, shadow_limits
-from shadowjax.rays.light_space import UNREACHED, DirectionalSpace, LightSpace, farthest
+from shadowjax.rays.light_space import DirectionalSpace, LightSpace, farthest
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray import MISS, Hit, Rays, intersect
 from shadowjax.rays.ray_grid import RayGrid
@@ -72,6 +72,10 @@ class Grid(Caster):
             hit = self._others(mesh).closest_on_grid(mesh, grid)
             return hit.depth, hit.face
         return _depth_and_face(mesh, _unwrapped(grid))
+
+    def prefers_images(self, space: LightSpace) -> bool:
+        """True for spaces whose points are put into cells: neighbours share them."""
+        return is_projective(space)
 
     def visible(
         self, mesh: Mesh, space: LightSpace, points: Points, normals: Points | None = None
@@ -164,7 +168,7 @@ def _visible(mesh: Mesh, space: LightSpace, points: Points, normals: Points | No
     """Lit points, by the irregular depth buffer: all rays of a light share its plane, so none is traced."""
     plane, limit, facing = shadow_limits(mesh, space, points, normals)
     u, v = plane[..., 0], plane[..., 1]
-    counts = facing & (jnp.abs(u) < UNREACHED) & (limit > 0)
+    counts = facing & (limit > 0)
     if not isinstance(space, DirectionalSpace):
         limit = -jnp.sqrt(1 + u * u + v * v) / jnp.where(limit > 0, limit, jnp.ones_like(limit))
     # The key is never beyond that of the far limit, which is not looked at here.

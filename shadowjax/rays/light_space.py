@@ -188,4 +188,11 @@ def farthest(space: LightSpace, lower: Vector3, upper: Vector3) -> Scalar:
 def in_front(space: LightSpace, points: Points) -> Bool[Array, "*points"]:
     """Whether a ray of the space reaches each point."""
     plane, _ = space.project(points)
-    return jnp.abs(plane[..., 0]) < UNREACHED
+    return is_reached(space, plane)
+
+
+def is_reached(space: LightSpace, plane: PlanePoints) -> Bool[Array, "*points"]:
+    """Whether a projected position stands for a ray: only behind a position with a forward direction none arrives."""
+    if isinstance(space, PerspectiveSpace):
+        return jnp.abs(plane[..., 0]) < UNREACHED
+    return jnp.ones(plane.shape[:-1], bool)

@@ -6,68 +6,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import trimesh
+from grids import COLS, ROWS, brute, fast, jitted_fast, padded, turned, views
 from shapes import bumpy_sphere, random_soup
 
-from shadowjax import BruteForce, Mesh
+from shadowjax import Mesh
 from shadowjax.rays.grid import Grid
-from shadowjax.rays.light_space import DirectionalSpace, OctahedralSpace, PerspectiveSpace
+from shadowjax.rays.light_space import DirectionalSpace, OctahedralSpace
 from shadowjax.rays.plane_map import Box
+from shadowjax.rays.ray import intersect
 from shadowjax.rays.ray_grid import RayGrid
-from shadowjax.warps.logarithmic import LogarithmicWarp
-from shadowjax.warps.perspective import PerspectiveWarp
-
-ROWS, COLS = 26, 31
-NUM_FACES, NUM_VERTICES = 400, 1200
-jitted_brute = eqx.filter_jit(lambda mesh, grid: BruteForce().closest_on_grid(mesh, grid))
-jitted_fast = eqx.filter_jit(lambda mesh, grid: (Grid().closest_on_grid(mesh, grid), Grid().depth_on_grid(mesh, grid)))
-jitted_faces = eqx.filter_jit(lambda mesh, grid: Grid().faces_on_grid(mesh, grid))
-
-
-def padded(mesh: Mesh) -> Mesh:
-    """The mesh with empty triangles added, so that all tests share one compiled shape."""
-    faces = jnp.zeros((NUM_FACES - mesh.num_faces, 3), jnp.int32)
-    vertices = jnp.broadcast_to(mesh.vertices[:1], (NUM_VERTICES - mesh.num_vertices, 3))
-    return Mesh.create(jnp.concatenate([mesh.vertices, vertices]), jnp.concatenate([mesh.faces, faces]))
-
-
-def fast(mesh: Mesh, grid: RayGrid):
-    return jitted_fast(padded(mesh), grid)
-
-
-def brute(mesh: Mesh, grid: RayGrid):
-    return jitted_brute(padded(mesh), grid)
-
-
-def turned(seed: int, dtype):
-    """A right-handed frame without special directions."""
-    q = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
-    return jnp.asarray(q * np.sign(np.linalg.det(q)), dtype)
-
-
-def views(dtype) -> dict[str, RayGrid]:
-    """One grid of every kind of view and map; both `inside` ones start amid the triangles."""
-    frame = turned(5, dtype)
-
-    def box(*sides: float) -> Box:
-        return Box(jnp.asarray(sides[:2], dtype), jnp.asarray(sides[2:], dtype))
-
-    def grid(space, plane_map, far=40.0) -> RayGrid:
-        return RayGrid(space, plane_map, jnp.asarray(far, dtype), ROWS, COLS)
-
-    rng = np.random.default_rng(1)
-    cloud = jnp.asarray(rng.uniform(-0.8, 0.8, (12, 2)), dtype)
-    axis = jnp.asarray([0.6, 0.8], dtype)
-    warp = PerspectiveWarp.fit(cloud, 1.5, axis)
-    outside, inside = DirectionalSpace(5 * frame[1], frame), DirectionalSpace(0.1 * frame[1], frame)
-    return {
-        "parallel": grid(outside, box(-1.2, -1.5, 1.4, 1.1)),
-        "parallel inside": grid(inside, box(1.0, -1.0, -1.3, 1.0)),
-        "short": grid(outside, box(-1.2, -1.5, 1.4, 1.1), far=4.9),
-        "perspective": grid(PerspectiveSpace(-3 * frame[2], frame), box(-0.5, 0.4, 0.4, -0.5)),
-        "perspective inside": grid(PerspectiveSpace(0.05 * frame[2], frame), box(0.8, -0.9, -1.0, 1.0)),
-        "perspective warp inside": grid(PerspectiveSpace(0.05 * frame[2], frame), warp),
-        "logarithmic warp": grid(outside, LogarithmicWarp.fit(cloud, 4.0, axis)),
-    }
 
 
 def assert_agrees(mesh: Mesh, grid: RayGrid, rounding: float, exact: bool = True):
@@ -83,15 +30,19 @@ def assert_agrees(mesh: Mesh, grid: RayGrid, rounding: float, exact: bool = True
     return hit
 
 
+# Warps in one dtype: what differs between dtypes is in the boxes, which both share.
 @pytest.mark.parametrize("name", list(views(jnp.float32)))
 def test_agrees_with_brute_force(name, dtype, rounding):
+    if dtype == jnp.float64 and "warp" in name:
+        pytest.skip("maps are the same for both dtypes")
     grid = views(dtype)[name]
     hits = [assert_agrees(random_soup(61, seed, dtype), grid, rounding).is_hit for seed in (1, 2)]
     assert 0.2 < float(jnp.mean(jnp.stack(hits))) <= 1
 
 
-def test_many_small_triangles_agree(dtype, rounding):
+def test_many_small_triangles_agree():
     """Triangles around and below the size of a cell, most of them hitting no ray."""
+    dtype, rounding = jnp.float32, 2e-6
     big = random_soup(400, 3, dtype)
     corners = big.triangles()
     middle = jnp.mean(corners, axis=1, keepdims=True)
@@ -101,11 +52,20 @@ def test_many_small_triangles_agree(dtype, rounding):
         assert 0.02 < float(jnp.mean(hit.is_hit)) < 0.9
 
 
-def test_point_light_falls_back(dtype, rounding):
-    grid = views(dtype)["parallel"]
+def test_point_light_falls_back():
+    dtype = jnp.float32
+    mesh = random_soup(61, 1, dtype)
     space = OctahedralSpace(jnp.asarray([0.1, 0.2, 0.05], dtype))
     whole = Box(jnp.asarray([-1.0, -1.0], dtype), jnp.asarray([1.0, 1.0], dtype))
-    assert_agrees(bumpy_sphere(dtype, 1), RayGrid(space, whole, grid.far, ROWS, COLS), rounding)
+    grid = RayGrid(space, whole, jnp.asarray(40.0, dtype), ROWS, COLS)
+    want = brute(mesh, grid)
+    assert 0.2 < float(jnp.mean(want.is_hit)) <= 1
+    found = Grid().closest_on_grid(padded(mesh), grid)
+    depth, face = Grid().faces_on_grid(padded(mesh), grid)
+    for got in (found.face, face):
+        np.testing.assert_array_equal(got, want.face)
+    for got in (found.depth, depth, Grid().depth_on_grid(padded(mesh), grid)):
+        np.testing.assert_allclose(got, want.depth, rtol=4e-6)
 
 
 @pytest.mark.parametrize("where", ["perspective inside", "parallel inside"])
@@ -166,46 +126,51 @@ def test_everything_behind_or_beside_is_missed(dtype):
         np.testing.assert_array_equal(depth, np.full((ROWS, COLS), float(grid.far), dtype))
 
 
-def test_faces_without_barycentrics(dtype):
+def test_faces_are_those_of_the_closest_hit():
+    dtype = jnp.float32
     mesh, grid = padded(random_soup(61, 1, dtype)), views(dtype)["perspective inside"]
-    hit, depth = jitted_fast(mesh, grid)
-    got_depth, face = jitted_faces(mesh, grid)
+    hit = eqx.filter_jit(Grid().closest_on_grid)(mesh, grid)
+    (depth, face), alone = jitted_fast(mesh, grid)
     np.testing.assert_array_equal(face, hit.face)
-    np.testing.assert_array_equal(got_depth, depth)
+    np.testing.assert_array_equal(depth, alone)
+    np.testing.assert_allclose(depth, hit.depth, rtol=2e-6)
 
 
-@pytest.mark.parametrize("method", ["closest_on_grid", "depth_on_grid"])
-def test_gradient_is_that_of_brute_force(method):
-    dtype, rounding = jnp.float64, 1e-13  # one dtype: what differs between them is tested above
+def test_gradient_by_vertices_and_light_is_that_of_brute_force():
+    """With the pose of the light among what is differentiated, the general rule is taken."""
+    dtype, rounding = jnp.float64, 1e-13
     mesh, grid = padded(random_soup(61, 1, dtype)), views(dtype)["perspective inside"]
     weight = jnp.asarray(np.random.default_rng(3).normal(size=(ROWS, COLS)), dtype)
+    face = brute(mesh, grid).face
 
-    def loss(inputs, cast):
-        return jnp.sum(weight * cast(*inputs))
+    @eqx.filter_jit
+    @eqx.filter_grad
+    def want(inputs):
+        return jnp.sum(weight * intersect(inputs[0], inputs[1].rays(), face).depth)
 
-    def depth(mesh, grid):
-        found = getattr(Grid(), method)(mesh, grid)
-        return found if method == "depth_on_grid" else found.depth
+    @eqx.filter_jit
+    @eqx.filter_grad
+    def got(inputs):
+        return jnp.sum(weight * Grid().depth_on_grid(*inputs))
 
-    got = eqx.filter_jit(eqx.filter_grad(loss))((mesh, grid), depth)
-    want = eqx.filter_grad(loss)((mesh, grid), lambda m, g: BruteForce().closest_on_grid(m, g).depth)
-    scale = float(jnp.max(jnp.abs(want[0].vertices)))
+    expected = want((mesh, grid))
+    scale = float(jnp.max(jnp.abs(expected[0].vertices)))
     assert scale > 0
-    for a, b in zip(jax.tree.leaves(got), jax.tree.leaves(want), strict=True):
+    assert float(jnp.max(jnp.abs(expected[1].space.position))) > 0
+    for a, b in zip(jax.tree.leaves(got((mesh, grid))), jax.tree.leaves(expected), strict=True):
         assert bool(jnp.all(jnp.isfinite(a)))
         np.testing.assert_allclose(a, b, atol=100 * rounding * scale)
 
 
 def test_vmap_over_vertices_is_a_loop():
-    dtype, rounding = jnp.float64, 1e-13
+    dtype, rounding = jnp.float32, 2e-6
     mesh, grid = padded(random_soup(61, 1, dtype)), views(dtype)["perspective inside"]
     moved = mesh.vertices + 0.1 * jnp.arange(3, dtype=dtype)[:, None, None]
-    hits, depths = eqx.filter_jit(jax.vmap(lambda v: jitted_fast(eqx.tree_at(lambda m: m.vertices, mesh, v), grid)))(
+    depths = eqx.filter_jit(jax.vmap(lambda v: Grid().depth_on_grid(eqx.tree_at(lambda m: m.vertices, mesh, v), grid)))(
         moved
     )
     for k in range(3):
-        hit, depth = jitted_fast(eqx.tree_at(lambda m: m.vertices, mesh, moved[k]), grid)
-        np.testing.assert_array_equal(hits.face[k], hit.face)
+        _, depth = jitted_fast(eqx.tree_at(lambda m: m.vertices, mesh, moved[k]), grid)
         # Two compiled programs may fuse a multiplication and an addition differently: roundings, not bits.
         np.testing.assert_allclose(depths[k], depth, rtol=rounding)
 
