@@ -1,4 +1,4 @@
-"""Prints the tree caster's times for a ray, to build and to refit, beside brute force: `python tests/benchmarks/tree.py`."""
+"""Prints the tree caster's times beside those of brute force: `python tests/benchmarks/tree.py`."""
 
 import time
 from collections.abc import Callable

@@ -2,7 +2,7 @@
 
 `SHADOWJAX_SCENES=10000` runs as many of each. Two casters may choose differently only where rounding decides, and each
 such ray is looked into: the chosen triangles are equally near, one lies at an end of the ray, or the ray passes an
-edge, each to 16 roundings of the scene's size (for depths: divided by the cosine to the triangle's normal).
+edge, each to 16 roundings of the scene's size. What those do to the depth of a triangle says `plane_depth`.
 """
 
 import os
@@ -68,15 +68,28 @@ def edge_distance(corners: np.ndarray, origin: np.ndarray, direction: np.ndarray
 
 
 def plane_depth(corners: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where the ray meets each triangle's plane, and how much a shift of the plane shifts that: 1 / cos."""
+    """Where the ray meets each triangle's plane, and how much further off a caster may find it for a rounding of 1.
+
+    A shift of the plane counts by 1 / cos. Weights are differences of products of the triangle's length, divided by
+    its area as the ray sees it: in a long thin one rounding grows by length / width. No caster leaves the range of the
+    corners' depths.
+    """
     offset = corners - origin
     normal = np.cross(offset[:, 1] - offset[:, 0], offset[:, 2] - offset[:, 0])
     across = normal @ direction
     # Without area, or seen edge-on, a triangle has no such depth; its edges then lie beside the ray.
     solid = across != 0
     safe = np.where(solid, across, 1)
-    depth = np.where(solid, np.sum(normal * offset[:, 0], axis=1) / safe, np.inf)
-    return depth, np.where(solid, np.linalg.norm(normal, axis=1) / np.abs(safe), 0)
+    along = offset @ direction
+    low, high = along.min(axis=1), along.max(axis=1)
+    depth = np.clip(np.sum(normal * offset[:, 0], axis=1) / safe, low, high)
+    longest = np.max(np.sum((np.roll(offset, -1, axis=1) - offset) ** 2, axis=-1), axis=1)
+    return np.where(solid, depth, np.inf), np.where(solid, np.stack([longest / np.abs(safe), high - low]), 0)
+
+
+def depth_rounding(slack: np.ndarray, unit: float) -> np.ndarray:
+    """The most that 16 roundings of size `unit` change the depth of each triangle."""
+    return np.minimum(16 * unit * slack[0], slack[1]) + 16 * unit
 
 
 def assert_explained(found, expected, corners: np.ndarray, rays: Rays, unit: float, t_max: float):
@@ -87,7 +100,7 @@ def assert_explained(found, expected, corners: np.ndarray, rays: Rays, unit: flo
         seen = corners[[face for face in chosen if face >= 0]].astype(float)
         ray = [np.asarray(a.reshape(-1, 3)[index], float) for a in (rays.origins, rays.directions)]
         depth, slack = plane_depth(seen, *ray)
-        rounding = 16 * unit * slack
+        rounding = depth_rounding(slack, unit)
         tie = len(seen) == 2 and np.isfinite(depth).all() and np.ptp(depth) <= rounding.max()
         # A ray that starts on a triangle, as on a lattice many do, meets it at 0 or just before.
         at_limit = np.any(np.minimum(np.abs(depth), np.abs(depth - t_max)) <= rounding)
@@ -129,7 +142,7 @@ def verdict(corners: np.ndarray, origin: np.ndarray, direction: np.ndarray, limi
     offset = corners - origin
     turn = np.cross(offset, np.roll(offset, -1, axis=1)) @ direction
     inside = np.all(turn > 0, axis=1) | np.all(turn < 0, axis=1)
-    rounding = 16 * unit * slack
+    rounding = depth_rounding(slack, unit)
     close = edge_distance(corners, origin, direction) <= 16 * unit
     at_end = inside & (np.minimum(np.abs(depth), np.abs(depth - limit)) <= rounding)
     if np.any(inside & ~close & ~at_end & (depth > 0) & (depth < limit)):
