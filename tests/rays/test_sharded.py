@@ -87,7 +87,7 @@ def test_two_processes_agree_with_one_device(tmp_path, one_device):
         assert_same(found, one_device, 2)
 
 
-def test_gradients_pass_through_every_way_of_dealing():
+def test_gradients_pass_through_dealt_triangles():
     mesh, grid = soup(), view(0.1)
 
     def total(vertices, cast):
@@ -100,7 +100,6 @@ def test_gradients_pass_through_every_way_of_dealing():
     expected = gradient(lambda moved: BruteForce().depth_on_grid(moved, grid))
     assert float(jnp.max(jnp.abs(expected))) > 0
     for cast in (
-        lambda moved: closest_on_grids(BruteForce(), moved, stack_grids([grid])).depth[0],
         lambda moved: closest_over_triangles(BruteForce(), moved, grid).depth,
         lambda moved: depth_over_triangles(BruteForce(), moved, grid),
     ):
