@@ -26,7 +26,7 @@ NUM_SCENES = int(os.environ.get("SHADOWJAX_SCENES", "40"))
 NUM_FACES, SIDE = 60, 16
 NUM_RAYS = SIDE * SIDE
 SCENES = settings(
-    max_examples=NUM_SCENES, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck)
+    max_examples=NUM_SCENES, deadline=None, derandomize=True, database=None, suppress_health_check=tuple(HealthCheck)
 )
 # The grid caster takes long to compile for each kind of rays: few scenes are all of the one that rounds most.
 GRID_DTYPES, GRID_PARALLEL = (
