@@ -61,7 +61,7 @@ class BoundingVolumeHierarchy(Caster):
 
     @classmethod
     def build(cls, mesh: Mesh, ray_chunk: int = 65536) -> "BoundingVolumeHierarchy":
-        """A caster with a tree over the triangles of a mesh; about 3 s for a million.
+        """A caster with a tree over the triangles of a mesh; about 4 s for a million.
 
         Args:
             mesh: Any triangles: without area, repeated or crossing each other.

@@ -125,7 +125,9 @@ def edge_test(x: tuple[Array, Array, Array], y: tuple[Array, Array, Array], z: t
     Each edge compares two *rounded* products instead of the sign of their difference. Rounding is monotonic, so the
     verdict is right or a tie; two triangles that share an edge compare the same two numbers; and a fused multiply-add
     cannot turn a tie into two misses. Ties count as inside: a closed mesh leaks no ray. Three ties at once mean a
-    triangle seen exactly edge-on or without area (two equal corners always end here): it is missed.
+    triangle seen exactly edge-on or without area (two equal corners always end here): it is missed. A triangle that is
+    edge-on to a rounding may tie along the whole *line* of its edges; beside its bounding rectangle it is missed too,
+    by comparisons that are exact, so nothing leaks.
 
     Args:
         x: First coordinate of the three corners, relative to the ray.
@@ -146,8 +148,17 @@ def edge_test(x: tuple[Array, Array, Array], y: tuple[Array, Array, Array], z: t
     scaled = weights[0] * z[0] + weights[1] * z[1] + weights[2] * z[2]
     depth = scaled / jnp.where(determinant == 0, jnp.ones_like(determinant), determinant)
     # Rounded weights of a triangle seen almost edge-on may lie outside it; its depth may not.
-    low, high = jnp.minimum(jnp.minimum(z[0], z[1]), z[2]), jnp.maximum(jnp.maximum(z[0], z[1]), z[2])
-    return EdgeTest(all_left ^ all_right, jnp.clip(depth, low, high))
+    low, high = _least(*z), _greatest(*z)
+    spans = (_least(*x) <= 0) & (_greatest(*x) >= 0) & (_least(*y) <= 0) & (_greatest(*y) >= 0)
+    return EdgeTest((all_left ^ all_right) & spans, jnp.clip(depth, low, high))
+
+
+def _least(a: Array, b: Array, c: Array) -> Array:
+    return jnp.minimum(jnp.minimum(a, b), c)
+
+
+def _greatest(a: Array, b: Array, c: Array) -> Array:
+    return jnp.maximum(jnp.maximum(a, b), c)
 
 
 @eqx.filter_jit

@@ -13,7 +13,7 @@ from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as Spec
 
 from shadowjax._checks import concrete, require
-from shadowjax._types import Int
+from shadowjax._types import Float, Int
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.ray import MISS, Hit, intersect
@@ -22,6 +22,8 @@ from shadowjax.rays.ray_grid import RayGrid
 _Tree = TypeVar("_Tree")
 AXIS = "devices"
 NONE = jnp.iinfo(jnp.int32).max
+# Triangles dealt together for depth alone: neighbours share vertices and cells; thousands of them still deal evenly.
+BLOCK = 4096
 
 
 def stack_grids(grids: Sequence[RayGrid]) -> RayGrid:
@@ -42,8 +44,7 @@ def stack_grids(grids: Sequence[RayGrid]) -> RayGrid:
 def closest_on_grids(caster: Caster, mesh: Mesh, grids: RayGrid, devices: Sequence[Any] | None = None) -> Hit:
     """First hits of a batch of views, dealt to devices; on each device one view after the other.
 
-    The same as casting them one by one. Under `jax.distributed` every process calls this with the same arguments, and
-    holds the views of its own devices: `jax.experimental.multihost_utils.process_allgather` collects them.
+    The same as casting them one by one. Under `jax.distributed` every process calls this with the same arguments.
 
     Args:
         caster: Casts one grid; the mesh and the caster's arrays are copied to every device.
@@ -52,7 +53,9 @@ def closest_on_grids(caster: Caster, mesh: Mesh, grids: RayGrid, devices: Sequen
         devices: Devices (`jax.Device`) to use; all of all processes if None.
 
     Returns:
-        Hits of shape (views, rows, cols), differentiable, laid out over the devices by view.
+        Hits of shape (views, rows, cols), differentiable. Where the devices divide the views, each holds its own, and
+        nothing is exchanged: `jax.experimental.multihost_utils.process_allgather` collects them. Otherwise every device
+        gets a copy of all.
     """
     device_mesh = _device_mesh(devices)
     num_views = grids.far.shape[0]
@@ -80,6 +83,27 @@ def closest_over_triangles(caster: Caster, mesh: Mesh, grid: RayGrid, devices: S
     device_mesh = _device_mesh(devices)
     arguments = _place((caster, mesh, grid), device_mesh)
     return _cast_shares(*arguments, device_mesh)
+
+
+def depth_over_triangles(
+    caster: Caster, mesh: Mesh, grid: RayGrid, devices: Sequence[Any] | None = None
+) -> Float[jax.Array, "rows cols"]:
+    """Depth alone of one grid, its triangles dealt to devices in blocks; of the devices' depth maps the least counts.
+
+    The fastest way to one map of many triangles on many devices: a device neither knows nor compares faces.
+
+    Args:
+        caster: Gives the depth of one grid; it must not be bound to the tree of the whole mesh.
+        mesh: All triangles. Every device holds all vertices.
+        grid: The rays, copied to every device.
+        devices: All devices of all processes if None.
+
+    Returns:
+        Depth of shape (rows, cols), world units, the same on every device. Its gradient is that of the caster; devices
+        that found the very same depth share it in equal parts.
+    """
+    device_mesh = _device_mesh(devices)
+    return _least_depth(*_place((caster, mesh, grid), device_mesh), device_mesh)
 
 
 def _device_mesh(devices: Sequence[Any] | None) -> DeviceMesh:
@@ -114,7 +138,11 @@ def _cast_views(caster: Caster, mesh: Mesh, grids: RayGrid, device_mesh: DeviceM
     )(arrays, lax.stop_gradient(mesh), lax.stop_gradient(grids))
     # Casters choose; one function differentiates.
     hits = jax.vmap(lambda grid, face: intersect(mesh, grid.rays(), face))(grids, chosen)
-    return jax.tree.map(lambda x: x[:num_views], hits)
+    if num_views == grids.far.shape[0]:
+        return hits
+    # What is left after the spare views no longer divides evenly: say where it lies, or every compiler may choose.
+    everywhere = NamedSharding(device_mesh, Spec())
+    return jax.tree.map(lambda x: lax.with_sharding_constraint(x[:num_views], everywhere), hits)
 
 
 @eqx.filter_jit
@@ -138,3 +166,26 @@ def _cast_shares(caster: Caster, mesh: Mesh, grid: RayGrid, device_mesh: DeviceM
         faces, mesh=device_mesh, in_specs=(Spec(), Spec(), Spec(None, AXIS), Spec()), out_specs=Spec(), check_vma=False
     )(arrays, lax.stop_gradient(mesh.vertices), dealt, lax.stop_gradient(grid))
     return intersect(mesh, grid.rays(), chosen)
+
+
+@eqx.filter_jit
+def _least_depth(caster: Caster, mesh: Mesh, grid: RayGrid, device_mesh: DeviceMesh) -> Float[jax.Array, "rows cols"]:
+    arrays, rest = eqx.partition(caster, eqx.is_array)
+    num = device_mesh.size
+    block = max(1, min(BLOCK, -(-mesh.num_faces // num)))
+    spare = -mesh.num_faces % (num * block)
+    dealt = jnp.concatenate([mesh.faces, jnp.zeros((spare, 3), mesh.faces.dtype)]).reshape(-1, num, block, 3)
+
+    def depth(arrays: Any, vertices: Any, dealt: Any, grid: RayGrid) -> Float[jax.Array, "1 rows cols"]:
+        faces = dealt.reshape(-1, 3)
+        share = Mesh(vertices, faces, jnp.zeros(faces.shape, vertices.dtype))
+        return eqx.combine(arrays, rest).depth_on_grid(share, grid)[None]
+
+    depths = jax.shard_map(
+        depth,
+        mesh=device_mesh,
+        in_specs=(Spec(), Spec(), Spec(None, AXIS), Spec()),
+        out_specs=Spec(AXIS),
+        check_vma=False,
+    )(arrays, mesh.vertices, dealt, grid)
+    return lax.with_sharding_constraint(jnp.min(depths, axis=0), NamedSharding(device_mesh, Spec()))

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
@@ -13,6 +14,7 @@ from shadowjax import Mesh
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.grid import Grid
 from shadowjax.rays.ray_grid import RayGrid
+from shadowjax.rays.sharded import closest_over_triangles, depth_over_triangles
 from tests.benchmarks.peers.base import Absent, Contestant
 from tests.benchmarks.scenes import Geometry, View
 
@@ -90,7 +92,21 @@ def _key(grid: RayGrid, with_face: bool) -> tuple:
     return type(grid.space), grid.num_rows, grid.num_cols, with_face
 
 
-# More ways to run the package join here, for example
-# "shadowjax (2 devices)": lambda: Shadowjax(SomeCaster, "shadowjax (2 devices)", num_devices=2).
-# The first one listed is what all ratios refer to.
-VARIANTS: dict[str, Callable[[], Shadowjax]] = {"shadowjax": Shadowjax}
+class OnDevices(Shadowjax):
+    """The grid caster with the triangles dealt to all devices."""
+
+    def __init__(self, num_devices: int):
+        super().__init__(Grid, f"shadowjax ({num_devices} devices)", num_devices)
+        self.casts = {False: partial(depth_over_triangles, Grid()), True: _dealt_faces}
+
+
+def _dealt_faces(mesh: Mesh, grid: RayGrid) -> tuple[jax.Array, jax.Array]:
+    hit = closest_over_triangles(Grid(), mesh, grid)
+    return hit.depth, hit.face
+
+
+# More ways to run the package join here. The first one listed is what all ratios refer to.
+VARIANTS: dict[str, Callable[[], Shadowjax]] = {
+    "shadowjax": Shadowjax,
+    "shadowjax (2 devices)": lambda: OnDevices(2),
+}

@@ -1,4 +1,4 @@
-"""Ten million triangles, or a map of 16 384²: time and peak memory. `python tests/benchmarks/scale.py scene|map`."""
+"""Ten million triangles, or a map of 16 384², timed: `python tests/benchmarks/scale.py scene|map`."""
 
 import resource
 import sys

@@ -1,4 +1,4 @@
-"""Times of the tree caster: a ray, building, refitting, beside brute force. `python tests/benchmarks/tree.py`."""
+"""Prints processor time of the tree caster beside brute force: `python tests/benchmarks/tree.py`."""
 
 import time
 from collections.abc import Callable
@@ -43,13 +43,13 @@ def bundles() -> dict[str, Rays]:
 
 
 def best(function: Callable[[], Any], repeats: int = 3) -> float:
-    """Least seconds of a few runs after a first one."""
+    """Least seconds of all cores together, of a few runs after a first one: other programs hardly stretch these."""
     jax.block_until_ready(function())
     times = []
     for _ in range(repeats):
-        start = time.perf_counter()
+        start = time.process_time()
         jax.block_until_ready(function())
-        times.append(time.perf_counter() - start)
+        times.append(time.process_time() - start)
     return min(times)
 
 

@@ -87,3 +87,15 @@ def test_two_triangles_over_an_edge_do_not_leak(corners):
 def test_repeated_corners_are_always_missed(one, two):
     for corners in ((one, one, two), (one, two, one), (two, one, one), (one, one, one)):
         assert not run(corners)[0]
+
+
+@settings(max_examples=400, deadline=None)
+@given(st.tuples(point, point), st.floats(0, 1), st.floats(-1e-6, 1e-6))
+def test_a_ray_in_line_with_a_triangle_but_beside_it_misses(ends, share, off):
+    """Corners on one line through the ray, up to a rounding, all on one side of it: products tie, and yet no hit."""
+    start, step = ends
+    along = [jnp.float32(1), jnp.float32(1 + abs(step[0])), jnp.float32(1 + share * abs(step[0]))]
+    corners = [tuple(float(k * jnp.float32(value)) for value in start) for k in along]
+    corners[2] = (corners[2][0] * (1 + off), corners[2][1])
+    if any(start):
+        assert not run(corners)[0]

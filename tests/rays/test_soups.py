@@ -1,8 +1,14 @@
-"""Random scenes of every bad kind against brute force; `SHADOWJAX_SCENES=10000` runs as many."""
+"""Random scenes of every bad kind: tree and grid casters against brute force, and shadows against 64 bits.
+
+`SHADOWJAX_SCENES=10000` runs as many of each. Two casters may choose differently only where rounding decides, and each
+such ray is looked into: the chosen triangles are equally near, one lies at an end of the ray, or the ray passes an
+edge, each to 16 roundings of the scene's size. What those do to the depth of a triangle says `plane_depth`.
+"""
 
 import os
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from hypothesis import HealthCheck, given, settings
@@ -10,12 +16,31 @@ from hypothesis import strategies as st
 
 from shadowjax import BruteForce, Mesh, Rays
 from shadowjax.rays.bvh import BoundingVolumeHierarchy
+from shadowjax.rays.caster import shadow_rays
+from shadowjax.rays.grid import Grid
+from shadowjax.rays.light_space import DirectionalSpace, PerspectiveSpace, in_front
+from shadowjax.rays.plane_map import Box
+from shadowjax.rays.ray_grid import RayGrid
 
 NUM_SCENES = int(os.environ.get("SHADOWJAX_SCENES", "40"))
-NUM_FACES, NUM_RAYS = 60, 256
+NUM_FACES, SIDE = 60, 16
+NUM_RAYS = SIDE * SIDE
+SCENES = settings(
+    max_examples=NUM_SCENES, deadline=None, derandomize=True, database=None, suppress_health_check=tuple(HealthCheck)
+)
+# The grid caster takes long to compile for each kind of rays: few scenes are all of the one that rounds most.
+GRID_DTYPES, GRID_PARALLEL = (
+    ([jnp.float32, jnp.float64], [False, True]) if NUM_SCENES > 100 else ([jnp.float32], [False])
+)
 brute = eqx.filter_jit(lambda mesh, rays: BruteForce().closest(mesh, rays))
+brute_views = eqx.filter_jit(lambda mesh, grid, points: _views(BruteForce(), mesh, grid, points))
+grid_views = eqx.filter_jit(lambda mesh, grid, points: _views(Grid(), mesh, grid, points))
 # Traced, the tree has the largest size for the number of triangles: all scenes share compiled code.
 tree = eqx.filter_jit(lambda mesh, rays: BoundingVolumeHierarchy().closest(mesh, rays))
+
+
+def _views(caster, mesh, grid, points):
+    return caster.closest_on_grid(mesh, grid), caster.visible(mesh, grid.space, points)
 
 
 def soup(rng: np.random.Generator, size: float, sliver: float, lattice: bool) -> np.ndarray:
@@ -44,21 +69,48 @@ def edge_distance(corners: np.ndarray, origin: np.ndarray, direction: np.ndarray
     return np.linalg.norm(start + share * step, axis=-1).min(axis=1)
 
 
-def plane_depth(corners: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where the ray meets each triangle's plane, and how much a shift of the plane shifts that: 1 / cos."""
+def plane_depth(
+    corners: np.ndarray, origin: np.ndarray, direction: np.ndarray, unit: float, forward: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the ray meets each triangle's plane, and the most that 16 roundings of size `unit` change it.
+
+    A shift of the plane counts by 1 / cos. Weights are differences of products of the triangle's length, divided by
+    its area as the ray sees it: in a long thin one a rounding grows by length / width. The grid caster interpolates
+    1 / w, with w the distance along `forward`: beside a corner of small w a rounding grows by the ratio of both. No
+    caster leaves the range of the corners' depths.
+    """
     offset = corners - origin
     normal = np.cross(offset[:, 1] - offset[:, 0], offset[:, 2] - offset[:, 0])
     across = normal @ direction
     # Without area, or seen edge-on, a triangle has no such depth; its edges then lie beside the ray.
     solid = across != 0
     safe = np.where(solid, across, 1)
-    depth = np.where(solid, np.sum(normal * offset[:, 0], axis=1) / safe, np.inf)
-    return depth, np.where(solid, np.linalg.norm(normal, axis=1) / np.abs(safe), 0)
+    along = offset @ direction
+    low, high = along.min(axis=1), along.max(axis=1)
+    depth = np.clip(np.sum(normal * offset[:, 0], axis=1) / safe, low, high)
+    growth = np.max(np.sum((np.roll(offset, -1, axis=1) - offset) ** 2, axis=-1), axis=1) / np.abs(safe)
+    if forward is not None:
+        least = np.maximum(np.abs(offset @ forward).min(axis=1), 1e-300)
+        growth = np.maximum(growth, depth**2 * (direction @ forward) / least / np.abs(offset).max())
+    rounding = np.minimum(16 * unit * growth, high - low) + 16 * unit
+    return np.where(solid, depth, np.inf), np.where(solid, rounding, 0)
 
 
-@settings(
-    max_examples=NUM_SCENES, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck)
-)
+def assert_explained(found, expected, corners: np.ndarray, rays: Rays, unit: float, t_max: float, forward=None):
+    """Same triangle for each ray, or the difference is one that a rounding of size `unit` makes."""
+    assert np.isfinite(found.depth).all()
+    for index in np.flatnonzero(np.asarray(found.face != expected.face)):
+        chosen = [int(hit.face.reshape(-1)[index]) for hit in (found, expected)]
+        seen = corners[[face for face in chosen if face >= 0]].astype(float)
+        ray = [np.asarray(a.reshape(-1, 3)[index], float) for a in (rays.origins, rays.directions)]
+        depth, rounding = plane_depth(seen, *ray, unit, forward)
+        tie = len(seen) == 2 and np.isfinite(depth).all() and np.ptp(depth) <= rounding.max()
+        # A ray that starts on a triangle, as on a lattice many do, meets it at 0 or just before.
+        at_limit = np.any(np.minimum(np.abs(depth), np.abs(depth - t_max)) <= rounding)
+        assert tie or at_limit or edge_distance(seen, *ray).min() <= 16 * unit, (index, chosen, depth, rounding)
+
+
+@SCENES
 @given(
     seed=st.integers(0, 2**32 - 1),
     size=st.sampled_from([0.01, 0.3, 3.0]),
@@ -82,16 +134,76 @@ def test_the_tree_caster_is_brute_force(seed, size, sliver, lattice, far_off, do
     along_axis = rng.uniform(size=NUM_RAYS) < 0.2
     directions[along_axis] = np.eye(3)[rng.integers(3, size=int(along_axis.sum()))]
     rays = Rays.create(jnp.asarray(origins), jnp.asarray(directions, dtype), t_max=50.0)
-    found, expected = tree(mesh, rays), brute(mesh, rays)
-    assert np.isfinite(found.depth).all()
     # One rounding of the largest offset between a ray and the scene.
     unit = float(jnp.finfo(dtype).eps) * max(10.0, float(np.abs(corners - origins[0]).max()))
-    for index in np.flatnonzero(np.asarray(found.face != expected.face)):
-        chosen = np.array([int(hit.face[index]) for hit in (found, expected) if int(hit.face[index]) >= 0])
-        ray = [np.asarray(a[index], float) for a in (rays.origins, rays.directions)]
-        depth, slack = plane_depth(corners[chosen].astype(float), *ray)
-        rounding = 16 * unit * slack
-        tie = len(chosen) == 2 and np.isfinite(depth).all() and np.ptp(depth) <= rounding.max()
-        # A ray that starts on a triangle, as on a lattice many do, meets it at 0 or just before.
-        at_limit = np.any(np.minimum(np.abs(depth), np.abs(depth - 50)) <= rounding)
-        assert tie or at_limit or edge_distance(corners[chosen].astype(float), *ray).min() <= 16 * unit
+    assert_explained(tree(mesh, rays), brute(mesh, rays), corners, rays, unit, 50.0)
+
+
+def verdict(corners, origin, direction, limit: float, unit: float, forward: np.ndarray | None) -> bool | None:
+    """Whether a triangle lies on the ray before its limit, in 64 bits; None where roundings of size `unit` decide."""
+    depth, rounding = plane_depth(corners, origin, direction, unit, forward)
+    offset = corners - origin
+    turn = np.cross(offset, np.roll(offset, -1, axis=1)) @ direction
+    inside = np.all(turn > 0, axis=1) | np.all(turn < 0, axis=1)
+    close = edge_distance(corners, origin, direction) <= 16 * unit
+    at_end = inside & (np.minimum(np.abs(depth), np.abs(depth - limit)) <= rounding)
+    if np.any(inside & ~close & ~at_end & (depth > 0) & (depth < limit)):
+        return True
+    return None if np.any(close | at_end) else False
+
+
+@SCENES
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    size=st.sampled_from([0.01, 0.3, 3.0]),
+    sliver=st.sampled_from([0.0, 0.5]),
+    lattice=st.booleans(),
+    far_off=st.sampled_from([0.0, 0.0, 1e3]),
+    dtype=st.sampled_from(GRID_DTYPES),
+    parallel=st.sampled_from(GRID_PARALLEL),
+    inside=st.booleans(),
+    along_axes=st.booleans(),
+)
+def test_the_grid_caster_is_brute_force_and_its_shadows_are_true(
+    seed, size, sliver, lattice, far_off, dtype, parallel, inside, along_axes
+):
+    """Lights and cameras outside and amid the triangles, which cross the start of the rays; frames on a lattice too."""
+    rng = np.random.default_rng(seed)
+    shift = far_off * np.array([1, -0.7, 0.3])
+    corners = np.asarray(soup(rng, size, sliver, lattice) + shift, np.dtype(dtype))
+    mesh = Mesh.create(jnp.asarray(corners.reshape(-1, 3)), np.arange(3 * NUM_FACES).reshape(-1, 3))
+    frame = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    frame = np.eye(3) if along_axes else frame * np.sign(np.linalg.det(frame))
+    towards = -frame[1] if parallel else frame[2]
+    start = np.round(rng.uniform(-0.5, 0.5, 3), 3 if lattice else 9) - (0 if inside else 4) * towards
+    space = DirectionalSpace if parallel else PerspectiveSpace
+    half = 1.5 if parallel or inside else 0.4
+    grid = RayGrid(
+        space(jnp.asarray(start + shift, dtype), jnp.asarray(frame, dtype)),
+        Box(jnp.full(2, -half, dtype), jnp.full(2, half, dtype)),
+        jnp.asarray(50.0, dtype),
+        SIDE,
+        SIDE,
+    )
+    # Points on triangles, and others anywhere.
+    share = rng.dirichlet([1, 1, 1], NUM_RAYS)
+    points = np.einsum("nk,nkd->nd", share, corners[rng.integers(NUM_FACES, size=NUM_RAYS)].astype(float))
+    anywhere = rng.uniform(size=NUM_RAYS) < 0.3
+    points[anywhere] = rng.uniform(-1.5, 1.5, (int(anywhere.sum()), 3)) + shift
+    image = jnp.asarray(points.reshape(SIDE, SIDE, 3), dtype)
+    found, lit = grid_views(mesh, grid, image)
+    expected, brute_lit = brute_views(mesh, grid, image)
+    # A parallel ray's origin is rounded in the world, so distance from there counts.
+    unit = float(jnp.finfo(dtype).eps) * max(10.0, float(np.abs(corners).max()))
+    forward = None if parallel else frame[2]
+    flat_found, flat_expected = (jax.tree.map(np.ravel, hit) for hit in (found, expected))
+    assert_explained(flat_found, flat_expected, corners, grid.rays(), unit, float(grid.far), forward)
+    rays, facing = shadow_rays(mesh, grid.space, image, None)
+    flat = rays.flattened()
+    origins, directions, limits = (np.asarray(a, float) for a in (flat.origins, flat.directions, flat.t_max))
+    # No ray of a light reaches a point behind it.
+    asked = np.asarray(facing & in_front(grid.space, image)).reshape(-1) & (limits > 0)
+    answers = np.stack([np.ravel(lit), np.ravel(brute_lit)], axis=1)
+    for index in np.flatnonzero(asked):
+        blocked = verdict(corners.astype(float), origins[index], directions[index], limits[index], unit, forward)
+        assert blocked is None or np.all(answers[index] != blocked), (index, blocked, answers[index])

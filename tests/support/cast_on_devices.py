@@ -1,53 +1,69 @@
-"""Run in processes of its own: casts on several devices and compares with one; `PROCESSES INDEX PORT`."""
+"""Casts on several devices, in a process of its own, and writes what came out: `PROCESSES INDEX PORT FILE`."""
 
-# ruff: noqa: E402 — processes must meet before anything makes an array.
 import sys
 
 import jax
-
-processes, index, port = (int(argument) for argument in sys.argv[1:])
-if processes > 1:
-    jax.distributed.initialize(f"127.0.0.1:{port}", processes, index)
-
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax.experimental.multihost_utils import process_allgather
 from shapes import random_soup
 
-from shadowjax import BruteForce
+from shadowjax import BruteForce, Mesh
 from shadowjax.rays.bvh import BoundingVolumeHierarchy
 from shadowjax.rays.grid import Grid
 from shadowjax.rays.light_space import PerspectiveSpace
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
-from shadowjax.rays.sharded import closest_on_grids, closest_over_triangles, stack_grids
-
-mesh = random_soup(50, 1, jnp.float32)
-box = Box(jnp.asarray([-1.0, -1.0]), jnp.asarray([1.0, 1.0]))
-grids = [
-    RayGrid(PerspectiveSpace(jnp.asarray([0.2 * k, 0.1, -3.0]), jnp.eye(3)), box, jnp.asarray(9.0), 8, 12)
-    for k in range(5)
-]
-batch = stack_grids(grids)
-cast_one = eqx.filter_jit(lambda caster, grid: caster.closest_on_grid(mesh, grid))
+from shadowjax.rays.sharded import closest_on_grids, closest_over_triangles, depth_over_triangles, stack_grids
 
 
-def collected(tree):
-    return process_allgather(tree, tiled=True) if processes > 1 else tree
+def view(shift: float, cols: int = 12) -> RayGrid:
+    """A small view of the soup, from a little beside the last one."""
+    box = Box(jnp.full(2, -0.4, jnp.float32), jnp.full(2, 0.4, jnp.float32))
+    space = PerspectiveSpace(jnp.asarray([shift, 0.1, -3.0], jnp.float32), jnp.eye(3, dtype=jnp.float32))
+    return RayGrid(space, box, jnp.asarray(9.0, jnp.float32), 8, cols)
 
 
-def same(found, expected):
-    assert np.mean(expected.face >= 0) > 0.1
-    np.testing.assert_array_equal(found.face, expected.face)
-    np.testing.assert_allclose(found.depth, expected.depth, rtol=1e-6)
+def views() -> list[RayGrid]:
+    """More than devices, and as many as no number of devices divides."""
+    return [view(0.2 * k) for k in range(5)]
 
 
-for caster in (Grid(), BoundingVolumeHierarchy.build(mesh)):
-    expected = jax.tree.map(lambda *leaves: np.stack(leaves), *[cast_one(caster, grid) for grid in grids])
-    same(collected(closest_on_grids(caster, mesh, batch)), expected)
-# The shares of a mesh that is doubled hold every triangle twice: ties go to the lowest index across devices.
-twice = type(mesh)(mesh.vertices, jnp.concatenate([mesh.faces] * 2), jnp.concatenate([mesh.face_colors] * 2))
-found = closest_over_triangles(BruteForce(), twice, grids[1])
-same(jax.tree.map(lambda x: x.addressable_data(0), found), cast_one(BruteForce(), grids[1]))
-print(f"{len(jax.devices())} devices agree with one", flush=True)
+def soup() -> Mesh:
+    """What is cast."""
+    return random_soup(50, 1, jnp.float32)
+
+
+def twice(mesh: Mesh) -> Mesh:
+    """Every triangle two times, so that devices find equal depths: then the lowest index must win."""
+    faces, colors = (jnp.concatenate([part] * 2) for part in (mesh.faces, mesh.face_colors))
+    return Mesh(mesh.vertices, faces, colors)
+
+
+def here(array: jax.Array) -> np.ndarray:
+    """What this process has of an array that every device holds whole."""
+    assert array.is_fully_replicated
+    return np.asarray(array.addressable_data(0))
+
+
+def main(processes: int, index: int, port: int, path: str) -> None:
+    """In one process try every caster; in several, what they exchange: one program fewer to compile for each."""
+    if processes > 1:
+        jax.distributed.initialize(f"127.0.0.1:{port}", processes, index, initialization_timeout=120)
+    mesh, grids = soup(), views()
+    found = {"devices": np.asarray(len(jax.devices()))}
+    if processes == 1:
+        found["views"] = here(closest_on_grids(BoundingVolumeHierarchy.build(mesh), mesh, stack_grids(grids)).face)
+        found["depth"] = here(depth_over_triangles(Grid(), mesh, grids[1]))
+    else:
+        # As many views as devices: each process holds its own, and nothing is exchanged before they are collected.
+        dealt = closest_on_grids(BruteForce(), mesh, stack_grids(grids[:processes])).face
+        assert dealt.addressable_shards[0].data.shape[0] == 1
+        found["views"] = np.asarray(process_allgather(dealt, tiled=True))
+    hit = closest_over_triangles(BruteForce(), twice(mesh), grids[1])
+    found |= {"face": here(hit.face), "nearest": here(hit.depth)}
+    np.savez(path, **found)
+
+
+if __name__ == "__main__":
+    main(*(int(argument) for argument in sys.argv[1:4]), sys.argv[4])
