@@ -122,7 +122,7 @@ def test_a_refined_maximum_is_the_maximum():
 def test_every_module_of_a_figure_is_registered_and_documented():
     folder = Path(experiments.__file__).parent
     modules = {
-        path.stem for path in folder.glob("*.py") if re.match(r"(mdsm|warping|filtering|stencil|asm)_", path.stem)
+        path.stem for path in folder.glob("*.py") if re.match(r"(mdsm|warping|filtering|stencil|asm|bias)_", path.stem)
     }
     assert modules == set(experiments.EXPERIMENTS)
     for name in modules:

@@ -51,7 +51,8 @@ def test_every_visible_point_lies_in_the_map_of_its_face(roll, side):
         region, square, applies = places(UPRIGHT, light_at(gamma, roll, side), points)
         assert applies[region].all()
         assert square.min() >= 0, gamma
-        assert square.max() <= 1, gamma
+        # a face seen almost edge-on presses all its depths against t = 1, where one division rounds
+        assert square.max() <= 1 + 2 * np.finfo(float).eps, gamma
         assert np.isfinite(square).all()
 
 
