@@ -25,9 +25,13 @@ SNAPPING = "maps that snap to texels as the camera moves"
 HALF_PRECISION = "16-bit storage: maps here have the scene's own dtype"
 
 
-def _maker(filter_: Filter, bias: BiasRule, partition: Partition | None = None) -> Callable[[int, Caster], Technique]:
+def _maker(
+    filter_: Filter, bias: Callable[[], BiasRule], partition: Partition | None = None
+) -> Callable[[int, Caster], Technique]:
+    """What makes a technique; its numbers become arrays then, not on import, when no device may be touched yet."""
+
     def make(resolution: int, caster: Caster) -> Technique:
-        return ShadowMapping(filter_, resolution, Whole() if partition is None else partition, caster, bias)
+        return ShadowMapping(filter_, resolution, Whole() if partition is None else partition, caster, bias())
 
     return make
 
@@ -51,14 +55,18 @@ FILAMENT_PARAMETERS = (
     Parameter("near hint", 1.0, "world units", here="not used: depths are cut to what is seen"),
     Parameter("far hint", 100.0, "world units", here="not used: depths are cut to what is seen"),
 )
-_FILAMENT_BIAS = BiasSum((Bias.create(0.001, "world"), NormalOffset.create(1.0)))
+
+
+def _filament_bias() -> BiasRule:
+    return BiasSum((Bias.create(0.001, "world"), NormalOffset.create(1.0)))
+
 
 ALL: tuple[Preset, ...] = (
     Preset(
         "filament", "Filament", "one LiSPSM map, 3 × 3 texels with smooth weights, normal bias",
         (*FILAMENT_PARAMETERS, Parameter("filter", "3 × 3 texels", "", here="two bilinear taps along an axis")),
         ("hardware polygon offset of the stored depth", "a choice of warp by light and view angle", SNAPPING),
-        _maker(BilinearPercentageCloser(2), _FILAMENT_BIAS, Whole(PerspectiveFit("lispsm"))), 1024,
+        _maker(BilinearPercentageCloser(2), _filament_bias, Whole(PerspectiveFit("lispsm"))), 1024,
     ),
     Preset(
         "filament-evsm2", "Filament", "exponential variance map with one exponent that half precision can hold",
@@ -69,7 +77,7 @@ ALL: tuple[Preset, ...] = (
             Parameter("light bleed reduction", 0.15, "", here="low end of the clamp"),
         ),
         (HALF_PRECISION, "a least variance that grows with depth", SNAPPING),
-        _maker(ExponentialVariance(positive=5.54, negative=None, bleed_low=0.15), _FILAMENT_BIAS), 1024,
+        _maker(ExponentialVariance(positive=5.54, negative=None, bleed_low=0.15), _filament_bias), 1024,
     ),
     Preset(
         "godot-4", "Godot 4", "four cascades, PCF, constant and normal bias",
@@ -84,7 +92,7 @@ ALL: tuple[Preset, ...] = (
             Parameter("pancake size", 20.0, "world units", here="not needed: no caster is clipped"),
         ),
         (FIXED_SPLITS, "fading out with distance", NO_LOOKUP_BLEND, "rotated sampling discs"),
-        _maker(PercentageCloser(3), NormalOffset.create(2.0), _cascades(4, 0.5)), 2048,
+        _maker(PercentageCloser(3), lambda: NormalOffset.create(2.0), _cascades(4, 0.5)), 2048,
     ),
     Preset(
         "three-js", "three.js", "one map of 512², soft PCF, no bias by default",
@@ -94,7 +102,7 @@ ALL: tuple[Preset, ...] = (
             Parameter(_NORMAL, 0.0, "world units", here="none"),
         ),
         (),
-        _maker(BilinearPercentageCloser(3), Bias.create(0.0, "world")), 512,
+        _maker(BilinearPercentageCloser(3), lambda: Bias.create(0.0, "world")), 512,
     ),
     Preset(
         "three-js-vsm", "three.js", "variance map that stores mean and standard deviation",
@@ -105,7 +113,7 @@ ALL: tuple[Preset, ...] = (
             Parameter("least variance", 0.0, "", here="10⁻⁶ of the range², what rounding needs"),
         ),
         ("filtering of the standard deviation instead of the second moment, which is not linear",),
-        _maker(Variance(bleed_low=0.3, bleed_high=0.95), Bias.create(0.5, "slope")), 512,
+        _maker(Variance(bleed_low=0.3, bleed_high=0.95), lambda: Bias.create(0.5, "slope")), 512,
     ),
     Preset(
         "three-js-csm", "three.js", "the cascades addon: three slices, practical splits",
@@ -116,7 +124,7 @@ ALL: tuple[Preset, ...] = (
             Parameter("light margin", 200.0, "world units", here="not needed: no caster is clipped"),
         ),
         ("fading between slices",),
-        _maker(PercentageCloser(3), BufferBias.create(1e-6), _cascades(3, 0.5)), 1024,
+        _maker(PercentageCloser(3), lambda: BufferBias.create(1e-6), _cascades(3, 0.5)), 1024,
     ),
     Preset(
         "bgfx-pcf", "bgfx example 16", "four cascades with practical splits, PCF",
@@ -130,7 +138,8 @@ ALL: tuple[Preset, ...] = (
         ("a table of biases tuned by hand for lights, encodings and filters, from 0.001 to 0.055",),
         _maker(
             PercentageCloser(4),
-            BiasSum((BufferBias.create(0.001), NormalOffset.create(0.001, "world", by_sine=False))), _cascades(4, 0.6),
+            lambda: BiasSum((BufferBias.create(0.001), NormalOffset.create(0.001, "world", by_sine=False))),
+            _cascades(4, 0.6),
         ), 2048,
     ),
     Preset(
@@ -141,7 +150,7 @@ ALL: tuple[Preset, ...] = (
             Parameter("depth multiplier", 300.0, "", here="not applied: there it makes the variance negative"),
         ),
         (),
-        _maker(Variance(min_variance=0.02 / 300**2), Bias.create(0.5, "slope")), 2048,
+        _maker(Variance(min_variance=0.02 / 300**2), lambda: Bias.create(0.5, "slope")), 2048,
     ),
     Preset(
         "bgfx-esm", "bgfx example 16", "exponential map with a very steep exponent",
@@ -150,7 +159,7 @@ ALL: tuple[Preset, ...] = (
             Parameter("exponent", (2500.0, 9500.0), "per unit of depth", here="80 of the range: theirs overflows"),
         ),
         ("exponents that are applied to differences only",),
-        _maker(Exponential(80.0), Bias.create(0.5, "slope")), 2048,
+        _maker(Exponential(80.0), lambda: Bias.create(0.5, "slope")), 2048,
     ),
     Preset(
         "diligent-fx-pcf", "DiligentFX", "logarithmic cascades, PCF, receiver-plane bias",
@@ -162,7 +171,11 @@ ALL: tuple[Preset, ...] = (
             Parameter("blend", 0.1, "of the range", here="no counterpart"),
         ),
         (NO_LOOKUP_BLEND, "a search for the best cascade"),
-        _maker(PercentageCloser(3), BiasSum((BufferBias.create(1e-5), ReceiverPlane.create())), _cascades(4, 0.95)),
+        _maker(
+            PercentageCloser(3),
+            lambda: BiasSum((BufferBias.create(1e-5), ReceiverPlane.create())),
+            _cascades(4, 0.95),
+        ),
         1024,
     ),
     Preset(
@@ -175,7 +188,11 @@ ALL: tuple[Preset, ...] = (
             Parameter("split weight", 0.95, "", here="λ"),
         ),
         (NO_LOOKUP_BLEND, "a least variance that grows with the warp's slope"),
-        _maker(ExponentialVariance(positive=40.0, negative=5.0), Bias.create(1.0, "slope"), _cascades(4, 0.95)), 1024,
+        _maker(
+            ExponentialVariance(positive=40.0, negative=5.0),
+            lambda: Bias.create(1.0, "slope"),
+            _cascades(4, 0.95),
+        ), 1024,
     ),
     Preset(
         "mjp-pcf", "MJP's shadow sample", "four cascades, PCF 7 × 7 that follows the receiver's plane",
@@ -190,7 +207,11 @@ ALL: tuple[Preset, ...] = (
             Parameter("blend", 0.1, "of the range", here="no counterpart"),
         ),
         (FIXED_SPLITS, NO_LOOKUP_BLEND, SNAPPING),
-        _maker(PercentageCloser(7), BiasSum((BufferBias.create(0.005), ReceiverPlane.create())), _cascades(4)), 2048,
+        _maker(
+            PercentageCloser(7),
+            lambda: BiasSum((BufferBias.create(0.005), ReceiverPlane.create())),
+            _cascades(4),
+        ), 2048,
     ),
     Preset(
         "mjp-evsm4", "MJP's shadow sample", "four exponential moments",
@@ -201,7 +222,7 @@ ALL: tuple[Preset, ...] = (
             Parameter("light bleed reduction", 0.0, ""),
         ),
         (NO_LOOKUP_BLEND, SNAPPING),
-        _maker(ExponentialVariance(positive=40.0, negative=5.0), Bias.create(1.0, "slope"), _cascades(4)), 2048,
+        _maker(ExponentialVariance(positive=40.0, negative=5.0), lambda: Bias.create(1.0, "slope"), _cascades(4)), 2048,
     ),
     Preset(
         "mjp-msm-hamburger", "MJP's shadow sample", "four moments of depth, Hamburger's bound",
@@ -210,7 +231,7 @@ ALL: tuple[Preset, ...] = (
             Parameter("depth bias", 0.0, "", here="slope bias of one texel: zero shows acne here"),
         ),
         ("16-bit storage with a matrix that spreads the moments",),
-        _maker(Moments(problem="hamburger", moment_bias=3e-6), Bias.create(1.0, "slope"), _cascades(4)), 2048,
+        _maker(Moments(problem="hamburger", moment_bias=3e-6), lambda: Bias.create(1.0, "slope"), _cascades(4)), 2048,
     ),
     Preset(
         "mjp-msm-hausdorff", "MJP's shadow sample", "four moments of depth, Hausdorff's bound",
@@ -219,7 +240,7 @@ ALL: tuple[Preset, ...] = (
             Parameter("depth bias", 0.0, "", here="slope bias of one texel: zero shows acne here"),
         ),
         ("16-bit storage with a matrix that spreads the moments",),
-        _maker(Moments(problem="hausdorff", moment_bias=3e-6), Bias.create(1.0, "slope"), _cascades(4)), 2048,
+        _maker(Moments(problem="hausdorff", moment_bias=3e-6), lambda: Bias.create(1.0, "slope"), _cascades(4)), 2048,
     ),
     Preset(
         "bevy", "bevy", "four cascades, constant bias in metres, normal bias of 1.8 texels",
@@ -233,7 +254,11 @@ ALL: tuple[Preset, ...] = (
             Parameter("overlap", 0.2, "of the range", here="no counterpart"),
         ),
         (NO_LOOKUP_BLEND, FIXED_SPLITS),
-        _maker(PercentageCloser(3), BiasSum((Bias.create(0.02, "world"), NormalOffset.create(1.8))), _cascades(4)),
+        _maker(
+            PercentageCloser(3),
+            lambda: BiasSum((Bias.create(0.02, "world"), NormalOffset.create(1.8))),
+            _cascades(4),
+        ),
         2048,
     ),
 )  # fmt: skip

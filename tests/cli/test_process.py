@@ -48,3 +48,15 @@ def test_bad_input_is_one_line_and_code_two():
     done = shadowjax("render", "none.obj", "-o", "x.png")
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == "shadowjax: no such mesh file: none.obj\n"
+
+
+def test_importing_touches_no_device():
+    """Whoever imports the package may still choose precision, platform and number of devices."""
+    program = (
+        "import shadowjax, shadowjax.cli, jax; "
+        "jax.config.update('jax_num_cpu_devices', 2); print(jax.device_count('cpu'))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.stdout == "2\n", done.stderr
