@@ -8,7 +8,7 @@ from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays._grid_general import generalise
 from shadowjax.rays._grid_project import Vertices, View, never
 from shadowjax.rays._grid_store import Buffers, finish, start, words
-from shadowjax.rays._grid_tiles import ROWS, SMALL, from_tiles, tiles_of, to_tiles, turns
+from shadowjax.rays._grid_tiles import ROWS, SMALL, from_tiles, general_test, tiles_of, to_tiles
 from shadowjax.rays.ray_grid import RayGrid
 
 # Triangles set up together, and pairs tested together: enough to fill an accelerator, few enough to bound memory.
@@ -51,8 +51,7 @@ def search_pairs(
             col = left[triangle] + within % jnp.maximum(across[triangle], 1)
             index = jnp.where(pair < ends[-1], row * tiles.num_cols + col, 0)
             u, v = tiles.u[col if affine else index], tiles.v[row if affine else index]
-            numbers = made.numbers[:, triangle, None]
-            keys, inside = _test(numbers, u, v)
+            keys, inside = general_test(list(made.numbers[:, triangle, None]), u, v)
             inside &= (pair < ends[-1])[:, None]
             keys = jnp.where(inside, keys, jnp.asarray(never(keys.dtype), keys.dtype))
             return _scatter(buffers, index, keys, first + triangle)
@@ -64,14 +63,6 @@ def search_pairs(
     keys, found = finish(buffers, with_face, table.start.dtype)
     rows, cols = grid.num_rows, grid.num_cols
     return from_tiles(keys, rows, cols), None if found is None else from_tiles(found, rows, cols)
-
-
-def _test(numbers: Float[Array, "14 n 1"], u: Float[Array, "n lanes"], v: Float[Array, "n lanes"]) -> tuple:
-    """Keys of triangles over their tiles and where they are hit; numbers as in `General`."""
-    x0, y0, x1, y1, x2, y2, w1, w2, key, along_u, along_v, low, high, floor = numbers
-    x, y = [x0 - u, x1 - u * w1, x2 - u * w2], [y0 - v, y1 - v * w1, y2 - v * w2]
-    keys = (key - along_u * x[0]) - along_v * y[0]
-    return jnp.clip(keys, low, high), turns(x, y) & (keys >= floor)
 
 
 def _scatter(buffers: Buffers, tile: Int[Array, "n"], keys: Float[Array, "n lanes"], face: Int[Array, "n"]) -> Buffers:

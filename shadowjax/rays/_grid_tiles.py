@@ -1,6 +1,6 @@
 """The search for a processor: triangles in loops over tiles of sixteen cells, each updated in place."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -338,8 +338,12 @@ def in_groups(
 
 def general_cover(numbers: Float[Array, "14 n"], index: Index, u: Array, v: Array) -> tuple[Array, Array]:
     """As `cover`, for a triangle with corners that may lie behind the light; numbers as in `General`."""
-    parts = [number(numbers, k, index) for k in range(numbers.shape[0])]
-    x0, y0, x1, y1, x2, y2, w1, w2, key, along_u, along_v, low, high, floor = parts
+    return general_test([number(numbers, k, index) for k in range(numbers.shape[0])], u, v)
+
+
+def general_test(numbers: Sequence[Array], u: Array, v: Array) -> tuple[Array, Array]:
+    """Keys over cells and where they are hit, from the fourteen numbers of `General`, one triangle or many."""
+    x0, y0, x1, y1, x2, y2, w1, w2, key, along_u, along_v, low, high, floor = numbers
     x, y = [x0 - u, x1 - u * w1, x2 - u * w2], [y0 - v, y1 - v * w1, y2 - v * w2]
     keys = (key - along_u * x[0]) - along_v * y[0]
     return less(more(keys, low), high), turns(x, y) & (keys >= floor)
