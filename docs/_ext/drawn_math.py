@@ -19,6 +19,8 @@ SPELLINGS = {
     r"\le ": r"\leq ",
     r"\ge ": r"\geq ",
     r"\iff": r"\Leftrightarrow",
+    r"\lvert": "|",
+    r"\rvert": "|",
 }
 
 
