@@ -19,6 +19,8 @@ SPELLINGS = {
     r"\le ": r"\leq ",
     r"\ge ": r"\geq ",
     r"\iff": r"\Leftrightarrow",
+    # The font has no sign of degrees: its place holds a gamma.
+    "°": r"^{\circ}",
     r"\lvert": "|",
     r"\rvert": "|",
 }

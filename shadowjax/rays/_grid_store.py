@@ -53,7 +53,8 @@ def merge(
 ) -> Buffers:
     """Keep the nearer of what a tile holds and a triangle's hits in it; of equally near ones the lowest face.
 
-    Each result is the lesser of two numbers, never a choice by a mask: a masked store would stall the next read.
+    Keys alone, and words, are the lesser of two numbers, not a choice by a mask: a masked store would stall the next
+    read. Key and face apart need the mask, and are slower.
     """
     keys = jnp.where(inside, keys, jnp.asarray(never(keys.dtype), keys.dtype))
     at = index, jnp.uint32(0)

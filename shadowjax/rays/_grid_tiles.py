@@ -1,4 +1,4 @@
-"""The search for a processor: triangles in loops over tiles of sixteen cells, each updated in place."""
+"""The search for a processor: triangles in loops over small tiles of cells, each updated in place."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple

@@ -31,6 +31,7 @@ from shadowjax.rays.ray_grid import RayGrid
 
 # Points tested together, in the order they come: neighbours in an image lie close in the light's plane too.
 LANES = 16
+# The most cells along a side, over which the points are spread.
 MOST_CELLS = 1024
 
 

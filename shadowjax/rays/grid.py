@@ -117,7 +117,7 @@ def _search(mesh: Mesh, grid: RayGrid, with_face: bool) -> tuple[Array, Array]:
 
 @jax.custom_jvp
 def _depth(mesh: Mesh, grid: RayGrid) -> Float[Array, "rows cols"]:
-    """Depth of every ray, differentiated through the one intersection."""
+    """Depth of every ray; its derivative is that of the one intersection, see `_depth_and_face_jvp`."""
     return _search(mesh, grid, False)[0]
 
 
@@ -131,7 +131,7 @@ _depth.defjvp(_depth_jvp, symbolic_zeros=True)
 
 @jax.custom_jvp
 def _depth_and_face(mesh: Mesh, grid: RayGrid) -> tuple[Array, Array]:
-    """Depth of every ray, differentiated through the one intersection, and its face."""
+    """Depth of every ray, with the derivative of the one intersection, and its face."""
     return _search(mesh, grid, True)
 
 
