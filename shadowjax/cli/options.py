@@ -61,7 +61,7 @@ class PictureOptions:
     resolution: Annotated[int, _WHOLE] = 512
     """Texels along each side of a shadow map."""
     caster: Annotated[str | None, arg(metavar="NAME")] = None
-    """Ray caster, brute or grid; the fastest by default. All give the same pictures."""
+    """Ray caster, brute, grid or bvh; the fastest by default. All give the same pictures."""
 
 
 Techniques = Annotated[tuple[str, ...], arg(metavar="NAME ...")]
