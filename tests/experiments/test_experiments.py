@@ -6,9 +6,10 @@ import re
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
-from experiments import EXPERIMENTS, default_path, find, read_config
+from experiments import EXPERIMENTS, Claim, Outcome, default_path, find, read_config
 from experiments.__main__ import main
 
 
@@ -16,7 +17,8 @@ from experiments.__main__ import main
 def test_quick_run_through_the_command_line(name, tmp_path, capsys):
     code = main([name, "--quick", "--out", str(tmp_path)])
     record = json.loads((tmp_path / f"{name}.json").read_text(encoding="utf-8"))
-    assert [claim["name"] for claim in record["claims"] if not claim["holds"]] == []
+    assert [claim["name"] for claim in record["claims"] if not (claim["holds"] or claim["timed"])] == []
+    assert len([claim for claim in record["claims"] if not claim["timed"]]) >= 2
     assert len(record["claims"]) >= 4
     assert code == 0
     assert set(record) == {"experiment", "config", "claims", "numbers"}
@@ -112,6 +114,15 @@ def test_a_failed_claim_exits_1(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().out.count("FAILS") == 1
     record = json.loads((tmp_path / "mdsm_fig_4_1.json").read_text(encoding="utf-8"))
     assert [claim["holds"] for claim in record["claims"]].count(False) == 1
+
+
+def test_a_claim_that_rests_on_a_clock_is_told_in_a_quick_run_and_judged_in_a_full_one():
+    slow = Claim("faster", holds=False, value="×1.0", expected="×1.5", timed=True)
+    right = Claim("equal", holds=True, value="0", expected="0")
+    for quick in (True, False):
+        outcome = Outcome("any", None, (slow, right), {}, Figure(), quick)
+        assert outcome.passed is quick
+    assert not Outcome("any", None, (dataclasses.replace(right, holds=False),), {}, Figure(), quick=True).passed
 
 
 def test_settings_of_pictures_are_checked():
