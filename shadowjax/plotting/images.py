@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import jax
 import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
@@ -17,7 +18,7 @@ Image = Float[np.ndarray, "rows cols"]
 
 
 @styled
-def show_image(axes: Axes, image: np.ndarray, title: str = "", caption: str = "") -> None:
+def show_image(axes: Axes, image: np.ndarray | jax.Array, title: str = "", caption: str = "") -> None:
     """One picture in given axes: pixels as they are, no ticks, title above, caption below.
 
     Args:
@@ -39,7 +40,7 @@ def show_image(axes: Axes, image: np.ndarray, title: str = "", caption: str = ""
 
 @styled
 def image_grid(
-    images: Sequence[np.ndarray],
+    images: Sequence[np.ndarray | jax.Array],
     titles: Sequence[str],
     captions: Sequence[str] = (),
     columns: int = 3,

@@ -245,12 +245,19 @@ def _following(work: UInt[Array, "3 n"], w: Index, row: Index, col: Index) -> tu
 def turns(x: list[Array], y: list[Array]) -> Bool[Array, "..."]:
     """Whether corners relative to the ray turn one way all round it: the edge rule, see `ray.edge_test`.
 
-    Both ways hold where every edge ties: the triangle is seen edge-on or has no area, which counts as a miss.
+    Both ways hold where every edge ties: the triangle is seen edge-on or has no area, which counts as a miss. One that
+    is edge-on to a rounding may tie along the whole line of its edges: callers add that the ray `spans` its corners.
     """
     one, two = [x[i] * y[i - 2] for i in range(3)], [y[i] * x[i - 2] for i in range(3)]
     right = (one[0] >= two[0]) & (one[1] >= two[1]) & (one[2] >= two[2])
     left = (one[0] <= two[0]) & (one[1] <= two[1]) & (one[2] <= two[2])
     return right ^ left
+
+
+def spans(x: list[Array], y: list[Array]) -> Bool[Array, "..."]:
+    """Whether the ray lies in the bounding rectangle of corners relative to it."""
+    within = [(less(less(*p[:2]), p[2]) <= 0) & (more(more(*p[:2]), p[2]) >= 0) for p in (x, y)]
+    return within[0] & within[1]
 
 
 def cover(
@@ -266,8 +273,16 @@ def cover(
     along_v = (second * (x[1] - x[0]) - first * (x[2] - x[0])) * inverse
     low, high = less(less(key[0], key[1]), key[2]), more(more(key[0], key[1]), key[2])
     offset_x, offset_y = [corner - u for corner in x], [corner - v for corner in y]
-    keys = key[0] - along_u * offset_x[0] - along_v * offset_y[0]
-    return less(more(keys, low), high), turns(offset_x, offset_y)
+    # From the corner of greatest key: seen from a point, a corner close to it has a key so large that what is added to
+    # it later would lose its digits.
+    base_x, base_y, base = x[0], y[0], key[0]
+    for k in (1, 2):
+        farther = key[k] > base
+        base_x, base_y, base = (jnp.where(farther, a, b) for a, b in ((x[k], base_x), (y[k], base_y), (key[k], base)))
+    keys = base - along_u * (base_x - u) - along_v * (base_y - v)
+    # `spans`, by the corners' own bounds: four comparisons a cell.
+    within = [(p >= less(less(*c[:2]), c[2])) & (p <= more(more(*c[:2]), c[2])) for p, c in ((u, x), (v, y))]
+    return less(more(keys, low), high), turns(offset_x, offset_y) & within[0] & within[1]
 
 
 def _draw_general(
@@ -346,4 +361,4 @@ def general_test(numbers: Sequence[Array], u: Array, v: Array) -> tuple[Array, A
     x0, y0, x1, y1, x2, y2, w1, w2, key, along_u, along_v, low, high, floor = numbers
     x, y = [x0 - u, x1 - u * w1, x2 - u * w2], [y0 - v, y1 - v * w1, y2 - v * w2]
     keys = (key - along_u * x[0]) - along_v * y[0]
-    return less(more(keys, low), high), turns(x, y) & (keys >= floor)
+    return less(more(keys, low), high), turns(x, y) & spans(x, y) & (keys >= floor)

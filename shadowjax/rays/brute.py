@@ -12,7 +12,7 @@ from shadowjax.rays.caster import Caster, search_in_chunks
 from shadowjax.rays.ray import MISS, Hit, Rays, edge_test, intersect, orthonormal_frame
 
 # Triangles tested per loop iteration: enough to hide the loop, few enough to compile quickly.
-UNROLL = 8
+UNROLL = 4
 
 
 class BruteForce(Caster):

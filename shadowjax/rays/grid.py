@@ -33,7 +33,8 @@ class Grid(Caster):
 
     Time grows with triangles plus the cells that their boxes cover, not with rays × triangles; nothing is built
     beforehand, so a new view or new vertices cost no more than the same ones again. No capacity can overflow. Rays of
-    a space that bends lines (a point light's octahedron), and rays without a grid, go to `others`.
+    a space that bends lines (a point light's octahedron), and rays without a grid, go to `others`. Rays through a point
+    begin where their distance along the view is 10⁻⁶ of the far limit: what is nearer is not seen.
 
     Attributes:
         others: The caster for rays that this one cannot draw; None takes a tree, or brute force for small meshes.

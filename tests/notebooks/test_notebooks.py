@@ -1,37 +1,57 @@
-"""Every notebook of the site runs from top to bottom in a kernel of its own, with warnings as errors."""
+"""Every notebook of the site runs from top to bottom, with warnings as errors; the site's build runs them in kernels."""
 
+import contextlib
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
+import jax
 import jupytext
+import matplotlib.pyplot as plt
 import nbformat
 import pytest
-from nbclient import NotebookClient
+from IPython.core.interactiveshell import InteractiveShell
+from traitlets.config import Config
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted(path for path in (ROOT / "docs").rglob("*.md") if path.read_text().startswith("---\njupytext:"))
-
-# The kernel's own shutdown warns about itself; everything that a cell does may not.
-STRICT = """\
-import warnings
-warnings.simplefilter("error")
-warnings.filterwarnings("ignore", module="ipykernel")
-"""
+# What a reader's JAX starts with, where the tests' differs.
+READERS = {"jax_enable_x64": False, "jax_numpy_dtype_promotion": "standard", "jax_debug_nans": False}
 
 
-def execute(notebook: nbformat.NotebookNode, folder: Path) -> nbformat.NotebookNode:
-    """Run all cells in `folder`; an exception in a cell is raised here."""
-    notebook.cells.insert(0, nbformat.v4.new_code_cell(STRICT))
-    return NotebookClient(
-        notebook, timeout=180, kernel_name="python3", resources={"metadata": {"path": str(folder)}}
-    ).execute()
+class Shell(InteractiveShell):
+    """Runs cells without a window."""
+
+    def enable_gui(self, gui=None):
+        """Nothing to do: `%matplotlib inline` asks for it."""
 
 
-@pytest.fixture
-def kernel_environment(monkeypatch):
-    """What a kernel needs to find the package and to reuse compiled programs."""
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".jax_cache"))
-    monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+@contextlib.contextmanager
+def as_a_reader(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Shell]:
+    """A fresh shell in `folder`: in this process, so that notebooks and tests share imports and compiled programs."""
+    kept = {name: jax.config.values[name] for name in READERS}
+    backend = plt.get_backend()
+    monkeypatch.chdir(folder)
+    shell = Shell(config=Config(HistoryManager={"enabled": False}))
+    for name, value in READERS.items():
+        jax.config.update(name, value)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            yield shell
+    finally:
+        for name, value in kept.items():
+            jax.config.update(name, value)
+        plt.close("all")
+        plt.switch_backend(backend)
+
+
+def execute(notebook: nbformat.NotebookNode, shell: Shell) -> int:
+    """Run all code cells, raise what a cell raises, and count them."""
+    cells = [cell.source for cell in notebook.cells if cell.cell_type == "code"]
+    for source in cells:
+        shell.run_cell(source).raise_error()
+    return len(cells)
 
 
 def test_the_notebooks_are_found():
@@ -42,16 +62,15 @@ def test_the_notebooks_are_found():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_notebook_runs(path, tmp_path, kernel_environment):
-    notebook = execute(jupytext.read(path), tmp_path)
-    ran = [cell for cell in notebook.cells if cell.cell_type == "code"]
-    assert len(ran) > 5
-    assert all(cell.execution_count for cell in ran)
+def test_notebook_runs(path, tmp_path, monkeypatch):
+    with as_a_reader(tmp_path, monkeypatch) as shell:
+        assert execute(jupytext.read(path), shell) > 5
     assert not list(tmp_path.iterdir()), "a notebook must not leave files behind"
+    assert jax.config.values["jax_enable_x64"] is True
 
 
 @pytest.mark.parametrize("source", ["assert 1 == 2", "import warnings; warnings.warn('careful')"])
-def test_a_failing_or_warning_cell_fails(source, tmp_path, kernel_environment):
+def test_a_failing_or_warning_cell_fails(source, tmp_path, monkeypatch):
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(source)])
-    with pytest.raises(Exception, match=r"AssertionError|UserWarning"):
-        execute(notebook, tmp_path)
+    with as_a_reader(tmp_path, monkeypatch) as shell, pytest.raises((AssertionError, UserWarning)):
+        execute(notebook, shell)

@@ -8,13 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import trimesh
+from grids import closest
 from shapes import above, bumpy_sphere, lights, plate_over_plane, random_soup
 
 from shadowjax import BruteForce, Camera, Mesh, PointLight, Rays, camera_grid, intersect
 from shadowjax.partitions.whole import Whole
 from shadowjax.rays.ray import orthonormal_frame
 
-closest = eqx.filter_jit(lambda mesh, rays: BruteForce().closest(mesh, rays))
+visible = eqx.filter_jit(lambda mesh, space, points, normals: BruteForce().visible(mesh, space, points, normals))
 closest_on_grid = eqx.filter_jit(lambda mesh, grid: BruteForce().closest_on_grid(mesh, grid))
 
 
@@ -133,14 +134,14 @@ def test_jit_vmap_and_chunks_agree(dtype, rounding):
     mesh = random_soup(40, 5, dtype)
     rng = np.random.default_rng(6)
     rays = Rays.create(jnp.asarray(rng.uniform(-2, 2, (6, 50, 3)), dtype), rng.normal(size=(6, 50, 3)))
-    whole = BruteForce().closest(mesh, rays)
-    for other in (
-        closest(mesh, rays),
-        jax.vmap(lambda o, d: BruteForce().closest(mesh, Rays(o, d, rays.t_min, rays.t_max)))(
-            rays.origins, rays.directions
-        ),
-        BruteForce(ray_chunk=64).closest(mesh, rays),
-    ):
+    whole = closest(mesh, rays)
+
+    @jax.jit
+    def others(rays):
+        mapped = jax.vmap(lambda o, d: BruteForce().closest(mesh, Rays(o, d, rays.t_min, rays.t_max)))
+        return mapped(rays.origins, rays.directions), BruteForce(ray_chunk=64).closest(mesh, rays)
+
+    for other in others(rays):
         np.testing.assert_array_equal(other.face, whole.face)
         np.testing.assert_allclose(other.depth, whole.depth, rtol=16 * rounding)
 
@@ -178,20 +179,24 @@ def test_depth_gradients_match_central_differences_in_vertices_camera_and_light(
         assert int(jnp.sum(keep)) > 3, name
         parameters = (mesh.vertices, source)
         value = partial(loss, make_grid=make_grid, keep=keep)
-        gradient = eqx.filter_grad(value)(parameters)
         tangent = jax.tree.map(lambda leaf: jnp.asarray(rng.normal(size=leaf.shape)), parameters)
-        predicted = sum(
-            jnp.sum(g * t) for g, t in zip(jax.tree.leaves(gradient), jax.tree.leaves(tangent), strict=True)
-        )
+
+        @jax.jit
+        def everything(at, along, value=value):
+            """Value, its derivative along a direction in reverse mode, and in forward mode: compiled once."""
+            total, gradient = jax.value_and_grad(value)(at)
+            products = jax.tree.map(lambda g, t: jnp.sum(g * t), gradient, along)
+            return total, sum(jax.tree.leaves(products)), jax.jvp(value, (at,), (along,))[1]
+
+        _, predicted, forward = everything(parameters, tangent)
         # The five-point rule: its error falls with the fourth power of the step.
         step = 1e-5
         at = {
-            s: float(value(jax.tree.map(lambda x, t, s=s * step: x + s * t, parameters, tangent)))
+            s: float(everything(jax.tree.map(lambda x, t, s=s * step: x + s * t, parameters, tangent), tangent)[0])
             for s in (-2, -1, 1, 2)
         }
         measured = (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * step)
         np.testing.assert_allclose(predicted, measured, rtol=1e-6, err_msg=name)
-        _, forward = jax.jvp(value, (parameters,), (tangent,))
         np.testing.assert_allclose(forward, predicted, rtol=1e-10, err_msg=name)
 
 
@@ -237,10 +242,10 @@ def test_visible_is_the_shadow_of_the_plate(dtype):
     spots = jnp.stack(jnp.meshgrid(*[jnp.linspace(-3.9, 3.9, 64, dtype=dtype)] * 2), axis=-1)
     points = jnp.stack([spots[..., 0], jnp.zeros_like(spots[..., 0]), spots[..., 1]], axis=-1)
     normals = jnp.broadcast_to(jnp.asarray([0, 1, 0], dtype), points.shape)
-    lit = BruteForce().visible(mesh, grid.space, points, normals)
+    lit = visible(mesh, grid.space, points, normals)
     shift = light.direction[jnp.asarray([0, 2])] / -light.direction[1]
     inside = jnp.max(jnp.abs(spots - shift), axis=-1)
     margin = 1e-4
     np.testing.assert_array_equal(lit[inside < 1 - margin], False)
     np.testing.assert_array_equal(lit[inside > 1 + margin], True)
-    assert not np.any(BruteForce().visible(mesh, grid.space, points, -normals))
+    assert not np.any(visible(mesh, grid.space, points, -normals))

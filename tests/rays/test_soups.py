@@ -15,10 +15,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from shadowjax import BruteForce, Mesh, Rays
+from shadowjax.rays._grid_project import NEAREST
 from shadowjax.rays.bvh import BoundingVolumeHierarchy
 from shadowjax.rays.caster import shadow_rays
 from shadowjax.rays.grid import Grid
-from shadowjax.rays.light_space import DirectionalSpace, PerspectiveSpace, in_front
+from shadowjax.rays.light_space import DirectionalSpace, PerspectiveSpace, farthest, in_front
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -70,14 +71,13 @@ def edge_distance(corners: np.ndarray, origin: np.ndarray, direction: np.ndarray
 
 
 def plane_depth(
-    corners: np.ndarray, origin: np.ndarray, direction: np.ndarray, unit: float, forward: np.ndarray | None = None
+    corners: np.ndarray, origin: np.ndarray, direction: np.ndarray, unit: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where the ray meets each triangle's plane, and the most that 16 roundings of size `unit` change it.
 
     A shift of the plane counts by 1 / cos. Weights are differences of products of the triangle's length, divided by
-    its area as the ray sees it: in a long thin one a rounding grows by length / width. The grid caster interpolates
-    1 / w, with w the distance along `forward`: beside a corner of small w a rounding grows by the ratio of both. No
-    caster leaves the range of the corners' depths.
+    its area as the ray sees it: in a long thin one a rounding grows by length / width. No caster leaves the range of
+    the corners' depths.
     """
     offset = corners - origin
     normal = np.cross(offset[:, 1] - offset[:, 0], offset[:, 2] - offset[:, 0])
@@ -89,21 +89,18 @@ def plane_depth(
     low, high = along.min(axis=1), along.max(axis=1)
     depth = np.clip(np.sum(normal * offset[:, 0], axis=1) / safe, low, high)
     growth = np.max(np.sum((np.roll(offset, -1, axis=1) - offset) ** 2, axis=-1), axis=1) / np.abs(safe)
-    if forward is not None:
-        least = np.maximum(np.abs(offset @ forward).min(axis=1), 1e-300)
-        growth = np.maximum(growth, depth**2 * (direction @ forward) / least / np.abs(offset).max())
     rounding = np.minimum(16 * unit * growth, high - low) + 16 * unit
     return np.where(solid, depth, np.inf), np.where(solid, rounding, 0)
 
 
-def assert_explained(found, expected, corners: np.ndarray, rays: Rays, unit: float, t_max: float, forward=None):
+def assert_explained(found, expected, corners: np.ndarray, rays: Rays, unit: float, t_max: float):
     """Same triangle for each ray, or the difference is one that a rounding of size `unit` makes."""
     assert np.isfinite(found.depth).all()
     for index in np.flatnonzero(np.asarray(found.face != expected.face)):
         chosen = [int(hit.face.reshape(-1)[index]) for hit in (found, expected)]
         seen = corners[[face for face in chosen if face >= 0]].astype(float)
         ray = [np.asarray(a.reshape(-1, 3)[index], float) for a in (rays.origins, rays.directions)]
-        depth, rounding = plane_depth(seen, *ray, unit, forward)
+        depth, rounding = plane_depth(seen, *ray, unit)
         tie = len(seen) == 2 and np.isfinite(depth).all() and np.ptp(depth) <= rounding.max()
         # A ray that starts on a triangle, as on a lattice many do, meets it at 0 or just before.
         at_limit = np.any(np.minimum(np.abs(depth), np.abs(depth - t_max)) <= rounding)
@@ -139,14 +136,16 @@ def test_the_tree_caster_is_brute_force(seed, size, sliver, lattice, far_off, do
     assert_explained(tree(mesh, rays), brute(mesh, rays), corners, rays, unit, 50.0)
 
 
-def verdict(corners, origin, direction, limit: float, unit: float, forward: np.ndarray | None) -> bool | None:
-    """Whether a triangle lies on the ray before its limit, in 64 bits; None where roundings of size `unit` decide."""
-    depth, rounding = plane_depth(corners, origin, direction, unit, forward)
+def verdict(corners, origin, direction, limit: float, unit: float, start: float) -> bool | None:
+    """Whether a triangle lies on the ray before its limit, in 64 bits; None where roundings of size `unit` decide, or
+    the depth `start` before which a spot light sees nothing."""
+    depth, rounding = plane_depth(corners, origin, direction, unit)
     offset = corners - origin
     turn = np.cross(offset, np.roll(offset, -1, axis=1)) @ direction
     inside = np.all(turn > 0, axis=1) | np.all(turn < 0, axis=1)
     close = edge_distance(corners, origin, direction) <= 16 * unit
     at_end = inside & (np.minimum(np.abs(depth), np.abs(depth - limit)) <= rounding)
+    at_end |= inside & (depth > 0) & (depth < start)
     if np.any(inside & ~close & ~at_end & (depth > 0) & (depth < limit)):
         return True
     return None if np.any(close | at_end) else False
@@ -195,15 +194,16 @@ def test_the_grid_caster_is_brute_force_and_its_shadows_are_true(
     expected, brute_lit = brute_views(mesh, grid, image)
     # A parallel ray's origin is rounded in the world, so distance from there counts.
     unit = float(jnp.finfo(dtype).eps) * max(10.0, float(np.abs(corners).max()))
-    forward = None if parallel else frame[2]
     flat_found, flat_expected = (jax.tree.map(np.ravel, hit) for hit in (found, expected))
-    assert_explained(flat_found, flat_expected, corners, grid.rays(), unit, float(grid.far), forward)
+    assert_explained(flat_found, flat_expected, corners, grid.rays(), unit, float(grid.far))
     rays, facing = shadow_rays(mesh, grid.space, image, None)
     flat = rays.flattened()
     origins, directions, limits = (np.asarray(a, float) for a in (flat.origins, flat.directions, flat.t_max))
+    reach = float(farthest(grid.space, *mesh.bounds()))
     # No ray of a light reaches a point behind it.
     asked = np.asarray(facing & in_front(grid.space, image)).reshape(-1) & (limits > 0)
     answers = np.stack([np.ravel(lit), np.ravel(brute_lit)], axis=1)
     for index in np.flatnonzero(asked):
-        blocked = verdict(corners.astype(float), origins[index], directions[index], limits[index], unit, forward)
+        start = 0 if parallel else 1.01 * NEAREST * reach / (directions[index] @ frame[2])
+        blocked = verdict(corners.astype(float), origins[index], directions[index], limits[index], unit, start)
         assert blocked is None or np.all(answers[index] != blocked), (index, blocked, answers[index])

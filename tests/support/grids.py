@@ -1,10 +1,11 @@
 """Views that tests of the grid caster share, so that they share compiled functions too: one shape for all meshes."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
-from shadowjax import BruteForce, Mesh
+from shadowjax import BruteForce, Mesh, Rays
 from shadowjax.rays.grid import Grid
 from shadowjax.rays.light_space import DirectionalSpace, PerspectiveSpace
 from shadowjax.rays.plane_map import Box
@@ -16,7 +17,11 @@ from shadowjax.warps.perspective import PerspectiveWarp
 ROWS, COLS = 26, 31
 NUM_FACES, NUM_VERTICES = 400, 1200
 
+NUM_RAYS = 256
+
 jitted_rays = eqx.filter_jit(lambda grid: grid.rays())
+jitted_brute = eqx.filter_jit(lambda mesh, rays: BruteForce().closest(mesh, rays))
+jitted_intersect = eqx.filter_jit(intersect)
 jitted_fast = eqx.filter_jit(lambda mesh, grid: (Grid().faces_on_grid(mesh, grid), Grid().depth_on_grid(mesh, grid)))
 
 
@@ -32,12 +37,23 @@ def fast(mesh: Mesh, grid: RayGrid) -> tuple[Hit, np.ndarray]:
     """What the grid caster finds, through the one intersection; and its depth alone."""
     mesh = padded(mesh)
     (_, face), depth = jitted_fast(mesh, grid)
-    return intersect(mesh, jitted_rays(grid), face), np.asarray(depth)
+    return jitted_intersect(mesh, jitted_rays(grid), face), np.asarray(depth)
 
 
 def brute(mesh: Mesh, grid: RayGrid) -> Hit:
     """What brute force finds; one compiled function for all views."""
-    return BruteForce().closest(padded(mesh), jitted_rays(grid))
+    return jitted_brute(padded(mesh), jitted_rays(grid))
+
+
+def closest(mesh: Mesh, rays: Rays) -> Hit:
+    """First hits by brute force; a few rays and triangles are filled up to one shape."""
+    if mesh.num_faces <= NUM_FACES and mesh.num_vertices <= NUM_VERTICES:
+        mesh = padded(mesh)
+    flat = rays.flattened()
+    spare = max(NUM_RAYS - flat.t_max.size, 0)
+    flat = jax.tree.map(lambda x: jnp.concatenate([x, jnp.repeat(x[-1:], spare, axis=0)]), flat)
+    hit = jitted_brute(mesh, flat)
+    return jax.tree.map(lambda x: x[: x.shape[0] - spare].reshape(*rays.shape, *x.shape[1:]), hit)
 
 
 def turned(seed: int, dtype):
