@@ -1,4 +1,4 @@
-"""Every notebook of the site runs from top to bottom, with warnings as errors; the site's build runs them in kernels."""
+"""Every notebook of the site runs to its end, with warnings as errors; the site's build runs them in kernels."""
 
 import contextlib
 import warnings
