@@ -10,6 +10,8 @@ from shadowjax.rays._grid_project import Vertices, View, never, project
 from shadowjax.rays.light_space import DirectionalSpace
 from shadowjax.rays.ray_grid import RayGrid
 
+# Row of `General.numbers` with the least key of a triangle.
+LEAST_KEY = 11
 # Candidates from a triangle's three corners, from three edges on five sides, and from the region's four corners.
 SIDES = 5
 

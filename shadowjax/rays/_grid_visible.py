@@ -1,88 +1,137 @@
 """The exact shadow test of many points at one light: an irregular depth buffer, points in cells, triangles drawn."""
 
-import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 
-from shadowjax._types import Array, Bool, Float, UInt
+from shadowjax._types import Array, Bool, Float, Points, UInt
 from shadowjax.geometry.mesh import Mesh
+from shadowjax.rays._grid_general import LEAST_KEY
 from shadowjax.rays._grid_project import place, view
 from shadowjax.rays._grid_tiles import (
     CHUNK,
-    SMALL,
+    HALF,
     Index,
     classify,
     cover,
-    from_tiles,
     general_cover,
     in_groups,
     less,
-    line,
+    more,
     number,
     put,
-    to_tiles,
 )
-from shadowjax.rays.light_space import LightSpace
+from shadowjax.rays.caster import shadow_limits, surface_gap
+from shadowjax.rays.light_space import DirectionalSpace, LightSpace
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 
-# Points tested together, in the order they come: neighbours in an image lie close in the light's plane too.
-LANES = 16
-# The most cells along a side, over which the points are spread.
+# Points that are tested together, and the points that a cell holds on average.
+LANES, FILL = 16, 4
+# The most cells along a side.
 MOST_CELLS = 1024
+# Points projected together: their numbers stay in the cache.
+BAND = 8192
+# Cells of a row over which a triangle is compared with all points at once.
+SPAN = 4
+# What a line of points holds: plane positions and limits.
+U, V, LIMIT, PARTS = 0, LANES, 2 * LANES, 3 * LANES
 
 
-class Lists(NamedTuple):
-    """Which groups of points have one in each cell.
+class Asked(NamedTuple):
+    """Points as rays of the light.
 
     Attributes:
-        begin: Where each cell's list begins in `groups`; one more number ends the last.
-        groups: Indices of groups, cell after cell.
+        numbers: Rows u and v on the light's plane, and the key at which each ray ends.
+        counts: Points that a triangle may block; the others face away or lie behind the light.
+        facing: Points that face the light.
+    """
+
+    numbers: Float[Array, "3 points"]
+    counts: Bool[Array, "points"]
+    facing: Bool[Array, "points"]
+
+
+class Sorted(NamedTuple):
+    """Points in the order of their cells, row after row, in lines of `LANES` that know no cells.
+
+    Attributes:
+        begin: The first point of each cell; one more number ends the last.
+        most: The greatest limit of the points in each cell.
+        lines: Numbers of the points, one line after the other: `LANES` u, `LANES` v, `LANES` limits.
+        place: Where the limit of each point is in `lines`.
     """
 
     begin: UInt[Array, "cells_and_1"]
-    groups: UInt[Array, "pairs"]
+    most: Float[Array, "cells"]
+    lines: Float[Array, "numbers"]
+    place: UInt[Array, "points"]
 
 
-def blocked(
-    mesh: Mesh,
-    space: LightSpace,
-    u: Float[Array, "groups lanes"],
-    v: Float[Array, "groups lanes"],
-    limit: Float[Array, "groups lanes"],
-    counts: Bool[Array, "groups lanes"],
-    far: Float[Array, ""],
-) -> Bool[Array, "groups lanes"]:
-    """Whether a triangle meets the ray of each point before a limit.
+def lit(
+    mesh: Mesh, space: LightSpace, points: Points, normals: Points | None, far: Float[Array, ""]
+) -> Bool[Array, "*points"]:
+    """Whether each point faces the light and no triangle meets its ray before it.
 
-    All rays belong to one light, so the points are put into the cells of a grid on its plane and every triangle is
-    tested against the points of the cells that its box touches. Time grows with points, and with the pairs of
-    triangles and groups of points that share a cell; lists have room for the worst case.
+    All rays belong to one light, so the points are sorted into the cells of a grid on its plane, and every triangle is
+    tested against the points of the cells that its box touches. Time grows with points, and with the pairs of triangles
+    and lines of points that share a cell; nothing can overflow.
 
     Args:
         mesh: Everything that casts shadows.
         space: Rays of one light, which map straight lines to straight lines.
-        u, v: Plane position of each point's ray.
-        limit: Key at which each ray ends; a triangle at the limit blocks.
-        counts: Points to be tested; the others are never blocked.
+        points: Where light may arrive.
+        normals: Their unit normals; None for points that face the light.
         far: A depth beyond the scene.
 
     Source: alias-free shadow maps and the irregular z-buffer, as cited by mdsm.
     """
-    num_points = limit.size
-    # As many cells as groups of points; more where triangles are smaller than that.
-    num_cells = max(num_points // LANES, mesh.num_faces // 4, 1)
+    shape = points.shape[:-1]
+    flat = points.reshape(-1, 3)
+    asked = _project(mesh, space, flat, None if normals is None else normals.reshape(-1, 3))
+    dark = _blocked(mesh, space, asked, far)
+    return (asked.facing & ~dark).reshape(shape)
+
+
+def _project(mesh: Mesh, space: LightSpace, points: Float[Array, "points 3"], normals: Array | None) -> Asked:
+    """The rays of all points, computed once: XLA would otherwise do it again for every array that is made of them."""
+    num_points = points.shape[0]
+    size = min(BAND, num_points)
+    gap = surface_gap(mesh)
+    # Coordinates as rows: a pass over them is then one over neighbours in memory.
+    given = tuple(part.T for part in (points, normals) if part is not None)
+    limits = jax.vmap(lambda *part: shadow_limits(space, part[0], part[1] if len(part) > 1 else None, gap), in_axes=1)
+
+    def band(k: Index, state: tuple) -> tuple:
+        # The last band starts early: computing a point twice changes nothing.
+        first = less(k * size, jnp.uint32(num_points - size))
+        parts = (lax.dynamic_slice_in_dim(part, first, size, 1, allow_negative_indices=False) for part in given)
+        plane, limit, facing = limits(*parts)
+        u, v = plane[:, 0], plane[:, 1]
+        counts = facing & (limit > 0)
+        if not isinstance(space, DirectionalSpace):
+            limit = -jnp.sqrt(1 + u * u + v * v) / jnp.where(limit > 0, limit, jnp.ones_like(limit))
+        found = jnp.stack([u, v, limit]), counts, facing
+        return tuple(
+            lax.dynamic_update_slice_in_dim(whole, part, first, axis=-1, allow_negative_indices=False)
+            for whole, part in zip(state, found, strict=True)
+        )
+
+    empty = jnp.zeros(num_points, bool)
+    state: Any = (jnp.zeros((3, num_points), points.dtype), empty, empty)
+    return Asked(*lax.fori_loop(jnp.uint32(0), jnp.uint32(-(-num_points // size)), band, state))
+
+
+def _blocked(mesh: Mesh, space: LightSpace, asked: Asked, far: Float[Array, ""]) -> Bool[Array, "points"]:
+    """Whether a triangle meets the ray of each point at its limit or before; never for points that do not count."""
+    u, v, limit = asked.numbers
+    dtype = limit.dtype
+    num_cells = max(limit.size // FILL, 1)
     side = min(MOST_CELLS, 1 << ((num_cells.bit_length() - 1) // 2))
-    most = jnp.finfo(limit.dtype).max
-    some = jnp.any(counts)
-    lowest = jnp.stack([jnp.where(some, jnp.min(jnp.where(counts, part, most)), 0.0) for part in (u, v)])
-    highest = jnp.stack([jnp.where(some, jnp.max(jnp.where(counts, part, -most)), 1.0) for part in (u, v)])
-    # A little wider, so that no point lies on the border and no side is 0.
-    wider = 1e-3 * (highest - lowest) + 1e-6 * (jnp.abs(lowest) + jnp.abs(highest)) + jnp.finfo(far.dtype).tiny ** 0.25
-    box = Box(lowest - wider, highest + wider)
+    box = _bounding_box(asked)
     grid = RayGrid(space, box, far, side, side)
     # A triangle may touch a cell without reaching its centre.
     table = view(grid)
@@ -94,18 +143,15 @@ def blocked(
         jnp.clip(jnp.floor((part - box.lower[axis]) * scale[axis]), 0, side - 1).astype(jnp.uint32)
         for axis, part in enumerate((u, v))
     )
-    cell = row * jnp.uint32(side) + col
-    lists = _lists(cell, counts, side * side)
-    beyond = jnp.asarray(-jnp.finfo(limit.dtype).max, limit.dtype)
-    u, v, limit = lax.optimization_barrier((u, v, jnp.where(counts, limit, beyond)))
+    # Points that do not count have a cell of their own beyond the last.
+    cell = jnp.where(asked.counts, row * jnp.uint32(side) + col, jnp.uint32(side * side))
+    begin, most, lines, places = _sorted(cell, asked.numbers, side * side)
+    reach = _widened(most.reshape(side, side))
     num_faces = mesh.num_faces
     size = min(CHUNK, num_faces)
 
-    def draw(test: Callable, work: Array, present: Index, limit: Array) -> Array:
-        return _walk(side, lists, u, v, test, work, present, limit)
-
     def chunk(k: Index, state: tuple) -> tuple:
-        limit, *room = state
+        lines, *room = state
         first = k * size
         count = less(num_faces - first, jnp.uint32(size))
         work, present, rest, num_rest = classify(vertices.bounds, corners, (1, 1), first, count, *room)
@@ -113,119 +159,134 @@ def blocked(
         def test(w: Index, u: Array, v: Array) -> tuple[Array, Array]:
             return cover(vertices.plane, corners, number(work, 0, w), u, v)
 
-        limit = draw(test, work, present, limit)
+        def least(w: Index) -> Array:
+            keys = [number(vertices.plane, 2, number(corners, number(work, 0, w), k)) for k in range(3)]
+            return less(less(keys[0], keys[1]), keys[2])
 
-        def draw_general(work: Array, numbers: Array, present: Index, limit: Array) -> Array:
-            return draw(lambda w, u, v: general_cover(numbers, w, u, v), work, present, limit)
+        lines = _walk(begin, reach, test, least, work, present, lines)
 
-        limit = in_groups(grid, table, mesh, vertices, corners, (1, 1), rest, num_rest, draw_general, limit)
-        return limit, work, rest
+        def draw_general(work: Array, numbers: Array, present: Index, lines: Array) -> Array:
+            def test(w: Index, u: Array, v: Array) -> tuple[Array, Array]:
+                return general_cover(numbers, w, u, v)
 
-    state = limit, jnp.zeros((3, size), jnp.uint32), jnp.zeros(size, jnp.uint32)
-    limit, *_ = lax.fori_loop(jnp.uint32(0), jnp.uint32(-(-num_faces // size)), chunk, state)
-    return counts & (limit == beyond)
+            return _walk(begin, reach, test, lambda w: number(numbers, LEAST_KEY, w), work, present, lines)
 
+        lines = in_groups(grid, table, mesh, vertices, corners, (1, 1), rest, num_rest, draw_general, lines)
+        return lines, work, rest
 
-def to_lines(values: Array, is_image: bool) -> Array:
-    """Values of points as lines of `LANES`: blocks of an image, or as they come; the last are repeated to fill up."""
-    if is_image:
-        return to_tiles(values, SMALL)
-    flat = values.reshape(-1)
-    return jnp.pad(flat, (0, -flat.size % LANES), mode="edge").reshape(-1, LANES)
-
-
-def from_lines(lines: Array, shape: tuple[int, ...], is_image: bool) -> Array:
-    """The values that `to_lines` took apart."""
-    return from_tiles(lines, *shape) if is_image else lines.reshape(-1)[: math.prod(shape)].reshape(shape)
+    state = lines, jnp.zeros((3, size), jnp.uint32), jnp.zeros(size, jnp.uint32)
+    lines, *_ = lax.fori_loop(jnp.uint32(0), jnp.uint32(-(-num_faces // size)), chunk, state)
+    return asked.counts & (lines[places] == _done(dtype))
 
 
-def _lists(cell: UInt[Array, "groups lanes"], counts: Bool[Array, "groups lanes"], num_cells: int) -> Lists:
-    """Sort the pairs of group and cell by cell: a group enters the list of each cell that one of its points is in."""
-    num_groups = cell.shape[0]
-    # A lane speaks for its cell if no earlier lane of the group does. Lanes are rows here, so that groups are vectors.
-    lanes, counting = lax.optimization_barrier((cell.T, counts.T))
-    bits = jnp.zeros(num_groups, jnp.uint32)
-    for k in range(LANES):
-        speaks = counting[k]
-        for j in range(k):
-            speaks &= ~(counting[j] & (lanes[j] == lanes[k]))
-        bits |= speaks.astype(jnp.uint32) << k
-    bits, flat = lax.optimization_barrier((bits, cell.reshape(1, -1)))
-    zero, one = jnp.uint32(0), jnp.uint32(1)
+def _done(dtype: Any) -> Array:
+    """The limit of a blocked point: below every key."""
+    return jnp.asarray(-jnp.finfo(dtype).max, dtype)
 
-    def following(g: Index, left: UInt[Array, ""]) -> tuple[Index, Array]:
-        """Drop the lowest bit; after the last one take the next group."""
-        left = left & (left - one)
-        done = (left == zero).astype(jnp.uint32)
-        g = g + done
-        return g, jnp.where(done == one, number(bits, less(g, jnp.uint32(num_groups - 1))), left)
 
-    def where(g: Index, left: UInt[Array, ""]) -> Index:
-        """Cell of the lowest bit."""
-        lane = lax.population_count((left & (~left + one)) - one)
-        return number(flat, 0, less(g * LANES + lane, jnp.uint32(flat.size - 1)))
+def _bounding_box(asked: Asked) -> Box:
+    """A box on the plane that holds all points that count, none on its border, with no side of 0."""
+    dtype = asked.numbers.dtype
+    most = jnp.finfo(dtype).max
+    some = jnp.any(asked.counts)
+    where = asked.numbers[:2]
+    lowest = jnp.where(some, jnp.min(jnp.where(asked.counts, where, most), axis=1), 0.0)
+    highest = jnp.where(some, jnp.max(jnp.where(asked.counts, where, -most), axis=1), 1.0)
+    wider = 1e-3 * (highest - lowest) + 1e-6 * (jnp.abs(lowest) + jnp.abs(highest)) + jnp.finfo(dtype).tiny ** 0.25
+    return Box(lowest - wider, highest + wider)
 
-    def count(state: tuple) -> tuple:
-        g, left, tally = state
-        at = where(g, left)
-        return *following(g, left), put(tally, number(tally, at) + less(left, one), at)
 
-    begin = zero, number(bits, 0)
-    tally = jnp.zeros(num_cells, jnp.uint32)
-    *_, tally = lax.while_loop(lambda state: state[0] < num_groups, count, (*begin, tally))
+def _sorted(cell: UInt[Array, "points"], numbers: Float[Array, "3 points"], num_cells: int) -> Sorted:
+    """Sort points by cell, by counting; those of cell `num_cells`, which is not asked for, come last."""
+    num_points = cell.size
+
+    def count(i: Index, tally: Array) -> Array:
+        at = number(cell, i)
+        return put(tally, number(tally, at) + jnp.uint32(1), at)
+
+    tally = lax.fori_loop(jnp.uint32(0), jnp.uint32(num_points), count, jnp.zeros(num_cells + 1, jnp.uint32))
     ends = jnp.cumsum(tally, dtype=jnp.uint32)
-    starts = jnp.concatenate([jnp.zeros(1, jnp.uint32), ends])
+    begin = jnp.concatenate([jnp.zeros(1, jnp.uint32), ends[:-1]])
 
-    def enter(state: tuple) -> tuple:
-        g, left, next_, groups = state
-        at, added = where(g, left), less(left, one)
-        # Read back what was written: that orders the two updates, or XLA would copy the whole table.
-        next_ = put(next_, number(next_, at) + added, at)
-        groups = put(groups, g, number(next_, at) - added)
-        return *following(g, left), next_, groups
+    def enter(i: Index, state: tuple) -> tuple:
+        lines, following, most, places = state
+        at = number(cell, i)
+        # Read back what was written: that orders the updates, or XLA would copy whole arrays.
+        following = put(following, number(following, at) + jnp.uint32(1), at)
+        rank = number(following, at) - jnp.uint32(1)
+        place = rank // LANES * PARTS + rank % LANES
+        for part, offset in enumerate((U, V, LIMIT)):
+            lines = put(lines, number(numbers, part, i), place + offset)
+        most = put(most, more(number(most, at), number(numbers, 2, i)), at)
+        return lines, following, most, put(places, place + LIMIT, i)
 
-    room = jnp.zeros(cell.size + 1, jnp.uint32)
-    *_, groups = lax.while_loop(lambda state: state[0] < num_groups, enter, (*begin, starts[:-1], room))
-    return Lists(starts, groups)
+    # An empty row of cells may look at the line after the last.
+    room = jnp.zeros((num_points // LANES + 1) * PARTS, numbers.dtype)
+    none = jnp.full(num_cells + 1, _done(numbers.dtype))
+    state = room, begin, none, jnp.zeros(num_points, jnp.uint32)
+    lines, _, most, places = lax.fori_loop(jnp.uint32(0), jnp.uint32(num_points), enter, state)
+    return Sorted(begin, most[:-1], lines, places)
+
+
+def _widened(most: Float[Array, "side side"]) -> Float[Array, "side side"]:
+    """The greatest of each cell and of the next `SPAN` - 1 to its right."""
+    shift = 1
+    while shift < min(SPAN, most.shape[1]):
+        rest = jnp.pad(most[:, shift:], [(0, 0), (0, shift)], constant_values=_done(most.dtype))
+        most, shift = jnp.maximum(most, rest), 2 * shift
+    return most
 
 
 def _walk(
-    side: int,
-    lists: Lists,
-    u: Float[Array, "groups lanes"],
-    v: Float[Array, "groups lanes"],
+    begin: UInt[Array, "cells_and_1"],
+    reach: Float[Array, "side side"],
     test: Callable[[Index, Array, Array], tuple[Array, Array]],
+    least: Callable[[Index], Array],
     work: UInt[Array, "3 n"],
     present: Index,
-    limit: Float[Array, "groups lanes"],
-) -> Float[Array, "groups lanes"]:
-    """Test listed triangles against the groups of the cells of their boxes, in one flat loop."""
-    done_limit = jnp.asarray(-jnp.finfo(limit.dtype).max, limit.dtype)
+    lines: Float[Array, "numbers"],
+) -> Float[Array, "numbers"]:
+    """Test listed triangles against the points of the cells of their boxes, in one flat loop over lines.
 
-    def enter(w: Index, row: Index, col: Index) -> Index:
-        return number(lists.begin, row * side + col)
+    The cells of a box's row follow one another, and so do their points. A row whose points all lie before a triangle
+    is left at once: most triangles that no light reaches are.
+
+    Args:
+        begin: First point of each cell.
+        reach: Greatest limit of the points from each cell on, from `_widened`.
+        test: Triangle in the list, plane positions → keys, and where it is hit.
+        least: Triangle in the list → least key of its corners.
+        work: The list: face, first and last row, first and last column.
+        present: How many are listed.
+        lines: Points.
+    """
+    side = reach.shape[0]
+    done_limit = _done(lines.dtype)
+
+    def read(lines: Array, at: Index) -> Array:
+        return lax.dynamic_slice(lines, (at,), (LANES,), allow_negative_indices=False)
+
+    def enter(w: Index, row: Index) -> Index:
+        return number(begin, row * side + (number(work, 2, w) >> 16)) // LANES
 
     def step(state: tuple) -> tuple:
-        limit, w, row, col, k = state
-        end = number(lists.begin, row * side + col + 1)
-        # An empty cell shows the group of the next one, which is no harm: any test of any pair is true.
-        group = number(lists.groups, k)
-        old = line(limit, group)
-        keys, inside = test(w, line(u, group), line(v, group))
+        lines, w, row, k = state
+        at = k * PARTS
+        old = read(lines, at + LIMIT)
+        # A line shows points of other cells too, which is no harm: any test of any pair is true.
+        keys, inside = test(w, read(lines, at + U), read(lines, at + V))
         # A blocked point's limit falls below every key. The lesser of two numbers: a masked store would stall.
         fallen = jnp.where(inside & (keys <= old), done_limit, old)
-        limit = lax.dynamic_update_slice(
-            limit, jnp.where(fallen < old, fallen, old), (group, jnp.uint32(0)), allow_negative_indices=False
-        )
-        rows, cols = number(work, 1, w), number(work, 2, w)
-        leaves = k + 1 >= end
-        ends = leaves & (col >= (cols & 0xFFFF))
-        done = ends & (row >= (rows & 0xFFFF))
+        new = jnp.where(fallen < old, fallen, old)
+        lines = lax.dynamic_update_slice(lines, new, (at + LIMIT,), allow_negative_indices=False)
+        first, last = number(work, 2, w) >> 16, number(work, 2, w) & HALF
+        hidden = (last - first < SPAN) & (least(w) > number(reach, row, first))
+        leaves = hidden | ((k + 1) * LANES >= number(begin, row * side + last + 1))
+        done = leaves & (row >= (number(work, 1, w) & HALF))
         w = w + done.astype(jnp.uint32)
-        row = jnp.where(done, number(work, 1, w) >> 16, row + ends.astype(jnp.uint32))
-        col = jnp.where(done, number(work, 2, w) >> 16, jnp.where(ends, cols >> 16, col + leaves.astype(jnp.uint32)))
-        return limit, w, row, col, jnp.where(leaves, enter(w, row, col), k + 1)
+        row = jnp.where(done, number(work, 1, w) >> 16, row + leaves.astype(jnp.uint32))
+        return lines, w, row, jnp.where(leaves, enter(w, row), k + 1)
 
-    row, col = number(work, 1, 0) >> 16, number(work, 2, 0) >> 16
-    state = limit, jnp.uint32(0), row, col, enter(jnp.uint32(0), row, col)
+    row = number(work, 1, 0) >> 16
+    state = lines, jnp.uint32(0), row, enter(jnp.uint32(0), row)
     return lax.while_loop(lambda state: state[1] < present, step, state)[0]

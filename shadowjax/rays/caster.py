@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from shadowjax._numerics import dot, map_in_chunks
-from shadowjax._types import Array, Bool, Float, Int, Points
+from shadowjax._types import Array, Bool, Float, Int, Points, Scalar
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.light_space import LightSpace, is_reached
 from shadowjax.rays.ray import Hit, Rays
@@ -63,15 +63,19 @@ class Caster(eqx.Module):
         return facing & ~self.closest(mesh, rays).is_hit
 
 
+def surface_gap(mesh: Mesh) -> Scalar:
+    """How far a shadow test keeps from the surface that it starts on, world units: some roundings of positions."""
+    size = jnp.maximum(mesh.extent, jnp.max(jnp.abs(jnp.stack(mesh.bounds()))))
+    return SURFACE_ROUNDINGS * jnp.finfo(size.dtype).eps * size
+
+
 def shadow_limits(
-    mesh: Mesh, space: LightSpace, points: Points, normals: Points | None
+    space: LightSpace, points: Points, normals: Points | None, gap: Scalar
 ) -> tuple[Float[Array, "*points 2"], Float[Array, "*points"], Bool[Array, "*points"]]:
     """Plane position of the ray that reaches each point, the depth up to which it must be free, and whether the point
-    faces the light."""
+    faces the light; `gap` as `surface_gap` says."""
     to_source = space.to_source(points)
     side = to_source if normals is None else normals
-    size = jnp.maximum(mesh.extent, jnp.max(jnp.abs(jnp.stack(mesh.bounds()))))
-    gap = SURFACE_ROUNDINGS * jnp.finfo(points.dtype).eps * size
     plane, depth = space.project(points + gap * side)
     # Nothing can meet a ray that ends before it starts.
     limit = jnp.where(is_reached(space, plane), depth - gap, -jnp.ones_like(depth))
@@ -82,7 +86,7 @@ def shadow_rays(
     mesh: Mesh, space: LightSpace, points: Points, normals: Points | None
 ) -> tuple[Rays, Bool[Array, "*points"]]:
     """The part of a light's ray that must be free for each point to be lit, and whether the point faces the light."""
-    plane, limit, facing = shadow_limits(mesh, space, points, normals)
+    plane, limit, facing = shadow_limits(space, points, normals, surface_gap(mesh))
     origins, directions = space.ray(plane)
     return Rays(origins, directions, jnp.zeros((), points.dtype), limit), facing
 

@@ -15,11 +15,11 @@ from shadowjax.rays._grid_pairs import search_pairs
 from shadowjax.rays._grid_plane import depth_tangent
 from shadowjax.rays._grid_project import depth_of_key, is_projective, place, view
 from shadowjax.rays._grid_tiles import search_tiles
-from shadowjax.rays._grid_visible import blocked, from_lines, to_lines
+from shadowjax.rays._grid_visible import lit
 from shadowjax.rays.brute import BruteForce
 from shadowjax.rays.bvh import BoundingVolumeHierarchy
-from shadowjax.rays.caster import Caster, shadow_limits
-from shadowjax.rays.light_space import DirectionalSpace, LightSpace, farthest
+from shadowjax.rays.caster import Caster
+from shadowjax.rays.light_space import LightSpace, farthest
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray import MISS, Hit, Rays, intersect
 from shadowjax.rays.ray_grid import RayGrid
@@ -75,16 +75,13 @@ class Grid(Caster):
         return _depth_and_face(mesh, _unwrapped(grid))
 
     def prefers_images(self, space: LightSpace) -> bool:
-        """True for spaces whose points are put into cells: neighbours share them."""
+        """True for spaces whose points are sorted: many at once, since all triangles are drawn for them."""
         return is_projective(space)
 
     def visible(
         self, mesh: Mesh, space: LightSpace, points: Points, normals: Points | None = None
     ) -> Bool[Array, "*points"]:
-        """The exact shadow test; see `Caster.visible`. All rays of a light share its plane, so no ray is traced.
-
-        Points that are given as an image, (rows, cols, 3), are tested in blocks of neighbours, which is faster.
-        """
+        """The exact shadow test; see `Caster.visible`. All rays of a light share its plane, so no ray is traced."""
         if not is_projective(space):
             return self._others(mesh).visible(mesh, space, points, normals)
         return _visible(*jax.lax.stop_gradient((mesh, space, points, normals)))
@@ -167,14 +164,4 @@ def _dense(tangent: Any) -> Any:
 @sequential_vmap
 def _visible(mesh: Mesh, space: LightSpace, points: Points, normals: Points | None) -> Bool[Array, "*points"]:
     """Lit points, by the irregular depth buffer: all rays of a light share its plane, so none is traced."""
-    plane, limit, facing = shadow_limits(mesh, space, points, normals)
-    u, v = plane[..., 0], plane[..., 1]
-    counts = facing & (limit > 0)
-    if not isinstance(space, DirectionalSpace):
-        limit = -jnp.sqrt(1 + u * u + v * v) / jnp.where(limit > 0, limit, jnp.ones_like(limit))
-    # The key is never beyond that of the far limit, which is not looked at here.
-    is_image = limit.ndim == 2
-    u, v, limit, tested = (to_lines(part, is_image) for part in (u, v, limit, counts))
-    lower, upper = mesh.bounds()
-    dark = blocked(mesh, space, u, v, limit, tested, farthest(space, lower, upper))
-    return facing & ~from_lines(dark, facing.shape, is_image)
+    return lit(mesh, space, points, normals, farthest(space, *mesh.bounds()))
