@@ -27,9 +27,9 @@ class Shadows(eqx.Module):
     def map_bytes(self) -> int:
         """Bytes of all stored planes."""
 
-    @property
-    def stencil_bits(self) -> int:
-        """Bits kept for each pixel of the picture, beside what `map_bytes` counts."""
+    def volume_bytes(self, num_samples: int) -> int:
+        """Bytes kept in place of a map: shadow volumes, and a stencil buffer of so many samples of a picture."""
+        del num_samples
         return 0
 
     @property

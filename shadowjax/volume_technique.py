@@ -145,15 +145,17 @@ class VolumeShadows(Shadows):
 
     @property
     def map_bytes(self) -> int:
-        """Bytes of the quads' corners; of every edge's where their number is not known yet."""
+        """No map."""
+        return 0
+
+    def volume_bytes(self, num_samples: int) -> int:
+        """Corners of the quads that bound the volumes, and one counter a sample.
+
+        Where the mesh is being traced, every edge counts as a quad.
+        """
         known = concrete(self.num_quads)
         num = self.regions.weights.shape[0] if known is None else int(known)
-        return num * QUAD_NUMBERS * self.regions.planes.dtype.itemsize
-
-    @property
-    def stencil_bits(self) -> int:
-        """Bits of a counter."""
-        return self.stencil.bits
+        return num * QUAD_NUMBERS * self.regions.planes.dtype.itemsize + -(-self.stencil.bits * num_samples // 8)
 
     @property
     def prefers_images(self) -> bool:
@@ -224,10 +226,9 @@ class AccumulatedShadows(Shadows):
         """Bytes for one place after the other: the most that any needs."""
         return max(one.map_bytes for one in self.shadows)
 
-    @property
-    def stencil_bits(self) -> int:
-        """Bits of one buffer, which every place clears."""
-        return max(one.stencil_bits for one in self.shadows)
+    def volume_bytes(self, num_samples: int) -> int:
+        """As `map_bytes`: every place clears the buffer."""
+        return max(one.volume_bytes(num_samples) for one in self.shadows)
 
     @property
     def prefers_images(self) -> bool:

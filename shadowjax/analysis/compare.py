@@ -45,7 +45,7 @@ class Record:
         false_shadow: Area fraction that is in shadow and should not be.
         tones: Distinct visibilities counted among valid samples.
         tones_bound: Most that the technique can give; None for a continuum.
-        map_bytes: Bytes of all stored planes; for shadow volumes those of their quads and of the stencil buffer.
+        map_bytes: Bytes of all stored planes.
         build_ms: Time to build the maps, milliseconds: warm median.
         visibility_ms: Time to look up every sample of the picture, milliseconds: warm median.
         psnr: Peak signal-to-noise ratio of visibility, dB; the dtype's ceiling for a perfect picture.
@@ -57,6 +57,7 @@ class Record:
         acne: Mean lack of light where the exact picture is fully lit and no shadow edge is near.
         flip: FLIP error of visibility; None where the package `flip_evaluator` is missing.
         texture_bytes: Bytes of textures of four channels or fewer that would hold the planes; three take four.
+        volume_bytes: Bytes of what shadow volumes keep in place of a map: quads, and a stencil buffer of every sample.
     """
 
     technique: str
@@ -77,6 +78,12 @@ class Record:
     acne: float = 0.0
     flip: float | None = None
     texture_bytes: int = 0
+    volume_bytes: int = 0
+
+    @property
+    def stored_bytes(self) -> int:
+        """Bytes of maps and volumes."""
+        return self.map_bytes + self.volume_bytes
 
     def to_json(self) -> dict[str, Any]:
         """The record as plain values."""
@@ -266,7 +273,7 @@ def record(
         false_shadow=float(metrics.false_shadow(test, truth, mask)),
         tones=count_tones(np.asarray(visibility), np.asarray(view.valid)),
         tones_bound=technique.num_tones,
-        map_bytes=_stored_bytes(shadows, view),
+        map_bytes=shadows.map_bytes,
         build_ms=build_ms,
         visibility_ms=visibility_ms,
         psnr=float(metrics.psnr(test, truth, mask)),
@@ -276,7 +283,8 @@ def record(
         bleed=_mean_where(np.asarray(test), far & (np.asarray(truth) <= 0)),
         acne=_mean_where(1 - np.asarray(test), far & (np.asarray(truth) >= 1)),
         flip=metrics.flip(jnp.where(mask, test, 1), jnp.where(mask, truth, 1)),
-        texture_bytes=_texture_bytes(shadows) or _stored_bytes(shadows, view),
+        texture_bytes=_texture_bytes(shadows),
+        volume_bytes=shadows.volume_bytes(view.exact.size),
     )
 
 
@@ -292,15 +300,10 @@ def _mean_where(values: np.ndarray, where: np.ndarray) -> float:
     return float(values[where].mean()) if where.any() else 0.0
 
 
-def _stored_bytes(shadows: Shadows, view: View) -> int:
-    """What is kept for the light, and for every sample of the picture."""
-    return shadows.map_bytes + -(-shadows.stencil_bits * view.exact.size // 8)
-
-
 def _texture_bytes(shadows: Shadows) -> int:
-    """Planes of every map in textures of their own bits, without mip chains; 0 without a map."""
+    """Planes of every map in textures of their own bits, without mip chains."""
     if not isinstance(shadows, MappedShadows):
-        return 0
+        return shadows.map_bytes
     total = 0
     for shadow_map in shadows.maps:
         bits = 32 if shadow_map.depth.dtype.itemsize > 2 else 16
