@@ -53,7 +53,10 @@ class ShadowVolumes(Technique):
         Raises:
             ValueError: With casters="facing", if the mesh is open or its faces are wound inconsistently.
         """
-        edges = volume_edges(mesh)
+        return self.extrude(volume_edges(mesh), mesh, light, camera)
+
+    def extrude(self, edges: VolumeEdges, mesh: Mesh, light: Light, camera: Camera) -> "VolumeShadows":
+        """As `build`, for edges that are known: a mesh that moves keeps them, under `jit` too."""
         if self.casters == "facing":
             require_closed(edges)
         return _extruded(edges, mesh, light, camera, self)
@@ -217,9 +220,12 @@ class AccumulatedShadows(Shadows):
 
     def visibility(self, points: Points, normals: Points) -> Float[Array, "*points"]:
         """Share of the places from which each point is lit."""
-        return sum((one.visibility(points, normals) for one in self.shadows), jnp.zeros((), points.dtype)) / len(
-            self.shadows
-        )
+        # One after the other in a loop, so that many places are compiled as quickly as one.
+        parts = [eqx.partition(one, eqx.is_array) for one in self.shadows]
+        rest = parts[0][1]
+        stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(arrays for arrays, _ in parts))
+        values = jax.lax.map(lambda arrays: eqx.combine(arrays, rest).visibility(points, normals), stacked)
+        return jnp.mean(values, axis=0)
 
     @property
     def map_bytes(self) -> int:

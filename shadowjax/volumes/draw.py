@@ -65,7 +65,7 @@ def _count(regions: Regions, points: Array, counts: Array, frame: Array) -> Arra
     first_col, last_col = across.tiles(low[0], high[0])
     # Row 0 is the top of the image.
     first_row, last_row = down.tiles(-high[1], -low[1])
-    drawn = (first_col <= last_col) & (first_row <= last_row) & (jnp.arange(low.shape[1]) < num)
+    drawn = (first_col <= last_col) & (first_row <= last_row) & (jnp.arange(low.shape[1], dtype=jnp.int32) < num)
     order = jnp.argsort(~drawn, stable=True)
 
     def halves(first: Array, last: Array) -> Array:
