@@ -72,9 +72,7 @@ def _extruded(
     edges: VolumeEdges, mesh: Mesh, light: Light, camera: Camera, technique: ShadowVolumes
 ) -> "VolumeShadows":
     mesh, light, camera = jax.lax.stop_gradient((mesh, light, camera))
-    found = boundary(
-        mesh.vertices, mesh.faces, edges, homogeneous_light(light), camera.position, technique.casters
-    )
+    found = boundary(mesh.vertices, mesh.faces, edges, homogeneous_light(light), camera.position, technique.casters)
     lower, upper = mesh.bounds()
     size = jnp.max(jnp.abs(jnp.stack([upper - lower, lower, upper, lower - camera.position, upper - camera.position])))
     return VolumeShadows(

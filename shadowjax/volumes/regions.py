@@ -80,9 +80,7 @@ class Boundary(eqx.Module):
         total = jnp.where(jnp.any(self.walls[:, :3] != 0, axis=-1), total, 0)
         planes = [_through_eye(part) for part in (self.lines[first], self.lines[second], self.fronts)]
         sides = [~front_side, front_side, front_side]
-        outline = jnp.stack(
-            [self.corners[first], self.corners[second], self.away[second], self.away[first]], axis=1
-        )
+        outline = jnp.stack([self.corners[first], self.corners[second], self.away[second], self.away[first]], axis=1)
         return _crossed(planes, sides, self.walls, jnp.where(front_side, total, -total), outline, beyond)
 
     def cap_regions(self, beyond: bool) -> Regions:

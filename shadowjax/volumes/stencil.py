@@ -114,9 +114,7 @@ def eye_counts(
 
 
 @eqx.filter_jit
-def near_plane_counts(
-    boundary: Boundary, points: Num[Array, "*points 3"], near: Num[Array, "*points 3"]
-) -> Counts:
+def near_plane_counts(boundary: Boundary, points: Num[Array, "*points 3"], near: Num[Array, "*points 3"]) -> Counts:
     """z-pass as the source draws it: walls cut off at the near plane, and the cap polygons that repair the cut.
 
     Args:

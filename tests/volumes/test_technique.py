@@ -189,7 +189,10 @@ def test_faces_that_see_the_light_are_enough_for_a_closed_mesh_with_the_light_ou
         np.testing.assert_array_equal(look(ShadowVolumes().build(BODIES, light, camera), *anywhere()), truth)
         assert bool(jnp.all(look(facing.build(BODIES, light, camera), *anywhere()) == truth)) is same
     # A mesh with one face turned round is closed and yet cannot be trusted.
-    turned, light = Mesh(BODIES.vertices, BODIES.faces.at[0].set(BODIES.faces[0, ::-1]), BODIES.face_colors), lights()["point"]
+    turned, light = (
+        Mesh(BODIES.vertices, BODIES.faces.at[0].set(BODIES.faces[0, ::-1]), BODIES.face_colors),
+        lights()["point"],
+    )
     with pytest.raises(ValueError, match="3 of 510 edges are open or wound inconsistently"):
         facing.build(turned, light, camera)
     truth = look(Exact().build(turned, light, camera), *anywhere())
