@@ -237,7 +237,8 @@ def draw(result: Result) -> Figure:
     figure = empty_figure(10.8, 8.2)
     above, below = np.ravel(figure.subfigures(2, 1, squeeze=False, height_ratios=[4.6, 3.6]))
     titles = {
-        NONE: "no caps", WHOLE: "one correction for all", "caps": "cap polygons: grey 1, white 2", INCREMENT: "caps increment",
+        NONE: "no caps", WHOLE: "one correction for all", "caps": "cap polygons: grey 1, white 2",
+        INCREMENT: "caps increment",
     }  # fmt: skip
     spots = above.subplots(2, len(titles), squeeze=False)
     figures = {INSIDE: "figure 5: near plane inside a volume", CUT: "figures 6 to 8: near plane cut by volumes"}

@@ -170,7 +170,7 @@ def test_odd_meshes_are_counted_face_by_face(w):
     assert 0.2 < float(jnp.mean(truth)) < 0.6
     np.testing.assert_array_equal(look(volumes, *anywhere()), truth)
     for build in (ShadowVolumes(casters="facing").build, eqx.filter_jit(ShadowVolumes(casters="facing").build)):
-        with pytest.raises(ValueError, match='need a closed mesh, wound outwards.*casters="both", which takes any'):
+        with pytest.raises(ValueError, match=r'need a closed mesh, wound outwards.*casters="both", which takes any'):
             build(odd, light, camera)
 
 
