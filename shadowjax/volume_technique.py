@@ -110,6 +110,7 @@ class VolumeShadows(Shadows):
     size: Scalar
     stencil: Stencil
 
+    @eqx.filter_jit
     def count(self, points: Points, normals: Points) -> Int[Array, "*points"]:
         """What the stencil buffer holds at each point.
 
@@ -137,6 +138,7 @@ class VolumeShadows(Shadows):
         )
         return self.stencil.value(self.start, up, down)
 
+    @eqx.filter_jit
     def visibility(self, points: Points, normals: Points) -> Float[Array, "*points"]:
         """1 where the side that is looked at faces the light and no volume holds the point, else 0."""
         to_light, _ = self.light.to_light(points)

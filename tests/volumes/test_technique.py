@@ -132,17 +132,16 @@ def test_points_need_not_be_seen(kind):
 
 def test_lists_and_images_are_counted_alike():
     """Tiles of an image that the camera sees, of the same points shuffled, and a list without tiles."""
-    mesh, light = random_soup(200, 5), lights()["point"]
+    (mesh, edges), light = filled(random_soup(200, 5)), lights()["directional"]
     camera = Camera.look_at((0.2, 0.1, 0.4), (-0.5, -0.3, -1.0), phi_y=0.9, near=0.01, far=9)
     surface = trace_surface(mesh, camera, SIDE, SIDE, BruteForce())
-    volumes = ShadowVolumes().build(mesh, light, camera)
-    count = eqx.filter_jit(lambda volumes, points, normals: volumes.count(points, normals))
+    volumes = ShadowVolumes().extrude(edges, mesh, light, camera)
     points, normals = surface.points, surface.normals
-    one = count(volumes, points.reshape(-1, 3), normals.reshape(-1, 3))
+    one = volumes.count(points.reshape(-1, 3), normals.reshape(-1, 3))
     seen = np.asarray(surface.is_seen).reshape(-1)
     order = np.random.default_rng(0).permutation(SIDE * SIDE)
-    tiled = count(volumes, points, normals)
-    mixed = count(volumes, *(part.reshape(-1, 3)[order].reshape(SIDE, SIDE, 3) for part in (points, normals)))
+    tiled = volumes.count(points, normals)
+    mixed = volumes.count(*(part.reshape(-1, 3)[order].reshape(SIDE, SIDE, 3) for part in (points, normals)))
     np.testing.assert_array_equal(tiled.reshape(-1)[seen], one[seen])
     np.testing.assert_array_equal(mixed.reshape(-1)[seen[order]], one[order][seen[order]])
     assert len(np.unique(one[seen])) > 3
@@ -257,7 +256,7 @@ def test_places_of_a_light_lie_on_a_disc():
     radii = jnp.linalg.norm(disc(50), axis=-1)
     np.testing.assert_allclose(jnp.sort(radii) ** 2, (np.arange(50) + 0.5) / 50)
     towards = jnp.zeros(3)
-    for light in lights().values():
+    for light in (lights()["directional"], lights()["point"]):
         axis = light.direction if isinstance(light, DirectionalLight) else -light.position
         places = jnp.stack([place_of(one) for one in jittered(light, jnp.asarray(0.1), 5, towards)])
         if isinstance(light, DirectionalLight):
