@@ -16,7 +16,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
@@ -143,7 +142,7 @@ def look_at(mesh: Mesh, light: PointLight, camera: Camera, width: int) -> Seen:
     total = np.asarray(cut.total)
     even = valid & (total > 0) & (total % 2 == 0)
     pictures = {
-        rule: np.asarray(shade(surface, (light,), (jnp.asarray(lit[rule, WRAPPING] * valid, jnp.float32),)))
+        rule: np.asarray(shade(surface, (light,), (jnp.asarray(lit[rule, WRAPPING] * valid, surface.depth.dtype),)))
         for rule in (NONE, WHOLE, INCREMENT)
     }
     caps = np.asarray(cut.start)
@@ -161,7 +160,7 @@ def look_at(mesh: Mesh, light: PointLight, camera: Camera, width: int) -> Seen:
 
 def run(config: Config) -> Result:
     """Both views of one scene."""
-    mesh = jax.tree.map(jnp.asarray, stage())
+    mesh = stage()
     light = PointLight.create((0.4, config.light_height, -6.0), 60.0)
     places = {
         INSIDE: ((6.7, 1.0, 4.2), (2.2, 0.3, 3.6), 38.0),
