@@ -45,6 +45,8 @@ from shadowjax.rays.ray import Hit, Rays, intersect
 from shadowjax.rays.ray_grid import RayGrid, camera_grid
 from shadowjax.shading import Material, shade, trace_surface, visibility_on
 from shadowjax.techniques import TECHNIQUES, Exact, ShadowMapping, make_technique
+from shadowjax.volume_technique import JitteredLights, ShadowVolumes
+from shadowjax.volumes.stencil import Stencil
 from shadowjax.warps.fit import LogarithmicFit, PerspectiveFit
 from shadowjax.warps.stable import StableFit
 from shadowjax.warps.uniform import UniformFit
@@ -71,6 +73,7 @@ __all__ = [
     "Hard",
     "HierarchicalMinimum",
     "Hit",
+    "JitteredLights",
     "LogarithmicFit",
     "Material",
     "MeanDepthConvolution",
@@ -89,8 +92,10 @@ __all__ = [
     "Scene",
     "ShadowMap",
     "ShadowMapping",
+    "ShadowVolumes",
     "SpotLight",
     "StableFit",
+    "Stencil",
     "StochasticNeighbour",
     "Supersampled",
     "UniformFit",

@@ -1,7 +1,6 @@
 """Techniques, each `build(mesh, light, camera)` then `visibility(points, normals)`; and the registry of named ones."""
 
 import difflib
-from abc import abstractmethod
 from collections.abc import Callable
 from typing import Any
 
@@ -37,42 +36,8 @@ from shadowjax.rays.caster import SURFACE_ROUNDINGS, Caster
 from shadowjax.rays.layers import LAYERS
 from shadowjax.rays.light_space import DirectionalSpace, LightSpace, light_space
 from shadowjax.rays.ray_grid import RayGrid, pixel_footprint
-
-
-class Shadows(eqx.Module):
-    """What a technique has built for one light: it answers for any point."""
-
-    @abstractmethod
-    def visibility(self, points: Points, normals: Points) -> Float[Array, "*points"]:
-        """Fraction of the light that reaches each point, in [0, 1]: 1 lit, 0 in shadow.
-
-        Args:
-            points: World points on surfaces.
-            normals: Unit normals of the side that is looked at; a side that faces away from the light is dark.
-        """
-
-    @property
-    @abstractmethod
-    def map_bytes(self) -> int:
-        """Bytes of all stored planes."""
-
-    @property
-    def prefers_images(self) -> bool:
-        """Whether `visibility` is faster for points of an image, (rows, cols, 3), than for a list of them."""
-        return False
-
-
-class Technique(eqx.Module):
-    """A way to answer "how much of the light arrives here?"."""
-
-    @abstractmethod
-    def build(self, mesh: Mesh, light: Light, camera: Camera) -> Shadows:
-        """Do the work that does not depend on receivers."""
-
-    @property
-    @abstractmethod
-    def num_tones(self) -> int | None:
-        """Upper bound on distinct visibilities; None where they are a continuum."""
+from shadowjax.technique_base import Shadows, Technique
+from shadowjax.volume_technique import ShadowVolumes
 
 
 class ShadowMapping(Technique):
@@ -308,6 +273,11 @@ def _exact(resolution: int = 512, caster: Caster | None = None) -> Technique:
     return Exact(BruteForce() if caster is None else caster)
 
 
+def _volumes(resolution: int = 512, caster: Caster | None = None, **options: Any) -> Technique:
+    del resolution, caster  # volumes have no map and cast no ray
+    return ShadowVolumes(**options)
+
+
 TECHNIQUES: dict[str, Callable[..., Technique]] = {
     "exact": _exact,
     "hard": _mapping(Hard),
@@ -343,6 +313,7 @@ TECHNIQUES: dict[str, Callable[..., Technique]] = {
     "3sm+pcf-2x2": _mapping(lambda: MultiDepth(Neighbourhood("min-max"), 2)),
     "3sm+pcf-3x3": _mapping(lambda: MultiDepth(Neighbourhood("min-max"), 3)),
     "4sm+pcf-3x3": _mapping(lambda: MultiDepth(Ring(4), 3)),
+    "shadow-volumes": _volumes,
 }
 
 
@@ -353,7 +324,7 @@ def make_technique(name: str, resolution: int = 512, caster: Caster | None = Non
         name: A key of `TECHNIQUES`.
         resolution: Texels along each side of a map.
         caster: Traces all rays; brute force if None.
-        options: Further fields of `ShadowMapping` (partition, bias).
+        options: Further fields of `ShadowMapping` (partition, bias) or of `ShadowVolumes` (method, casters, stencil).
 
     Raises:
         ValueError: If the name is unknown; the nearest names are suggested.

@@ -57,6 +57,7 @@ class Record:
         acne: Mean lack of light where the exact picture is fully lit and no shadow edge is near.
         flip: FLIP error of visibility; None where the package `flip_evaluator` is missing.
         texture_bytes: Bytes of textures of four channels or fewer that would hold the planes; three take four.
+        volume_bytes: Bytes of what shadow volumes keep in place of a map: quads, and a stencil buffer of every sample.
     """
 
     technique: str
@@ -77,6 +78,12 @@ class Record:
     acne: float = 0.0
     flip: float | None = None
     texture_bytes: int = 0
+    volume_bytes: int = 0
+
+    @property
+    def stored_bytes(self) -> int:
+        """Bytes of maps and volumes."""
+        return self.map_bytes + self.volume_bytes
 
     def to_json(self) -> dict[str, Any]:
         """The record as plain values."""
@@ -277,6 +284,7 @@ def record(
         acne=_mean_where(1 - np.asarray(test), far & (np.asarray(truth) >= 1)),
         flip=metrics.flip(jnp.where(mask, test, 1), jnp.where(mask, truth, 1)),
         texture_bytes=_texture_bytes(shadows),
+        volume_bytes=shadows.volume_bytes(view.exact.size),
     )
 
 

@@ -163,7 +163,7 @@ def compare(chosen: options.Compare) -> int:
         (r.technique, f"{100 * r.light_rmse:.2f} %", f"{r.rmse:.4f}", f"{100 * r.false_lit:.2f} %",
          f"{100 * r.false_shadow:.2f} %", f"{100 * r.bleed:.2f} %", f"{r.edge_distance:.2f} px",
          r.tones, "∞" if r.tones_bound is None else r.tones_bound,
-         bytes_text(r.map_bytes), f"{r.build_ms:.1f}", f"{r.visibility_ms:.1f}")
+         bytes_text(r.stored_bytes), f"{r.build_ms:.1f}", f"{r.visibility_ms:.1f}")
         for r in sorted(records, key=lambda record: record.light_rmse)
     ]  # fmt: skip
     title = (

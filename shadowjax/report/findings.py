@@ -34,10 +34,11 @@ Pixels = Float[np.ndarray, "height width 3"]
 Grey = Float[np.ndarray, "height width"]
 
 # A choice that shows each idea once: the test alone, filters of growing size, more depths, and both together; and one
-# of each family that averages codes of depth.
+# of each family that averages codes of depth; and the exact answer without a map.
 DEFAULT_TECHNIQUES = (
     "hard", "pcf-3x3", "pcf-4x4", "pcf-bilinear-3x3", "2sm-max", "3sm", "2sm-max+pcf-3x3", "3sm+pcf-2x2",
     "3sm+pcf-3x3", "vsm", "esm", "evsm4", "msm-hamburger",
+    "shadow-volumes",
 )  # fmt: skip
 # The sources whose techniques a report shows; the command `verify` checks all.
 DEFAULT_EQUATIONS = ("mdsm", "filtering", "stencil", "asm")

@@ -100,7 +100,7 @@ def comparison(findings: Findings) -> str:
             _percent(r.bleed), f"{r.edge_distance:.2f} px", "–" if r.ssim is None else f"{r.ssim:.3f}",
             "–" if r.flip is None else f"{r.flip:.3f}",
             f"{r.tones} / {'∞' if r.tones_bound is None else r.tones_bound}",
-            bytes_text(r.map_bytes), f"{r.build_ms:.1f} ms", f"{r.visibility_ms:.1f} ms",
+            bytes_text(r.stored_bytes), f"{r.build_ms:.1f} ms", f"{r.visibility_ms:.1f} ms",
         )
         for r in findings.comparison.records
     ]  # fmt: skip
@@ -160,8 +160,8 @@ def advice(findings: Findings) -> str:
                 plotting.pareto(findings.comparison.records, "All techniques at one size of map"), "error, memory, time"
             ),
             "Error against memory and against time.",
-            "The line joins techniques that no other beats in error and that cost; the rest are grey. The dashed line "
-            "is the time of shadow rays.",
+            "The line joins techniques that no other beats in error and that cost; the rest are grey. Dashed lines "
+            "are the times of exact answers without a map.",
             class_="paper",
         ),
     )

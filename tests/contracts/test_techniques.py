@@ -21,6 +21,7 @@ from shadowjax import (
 )
 
 RESOLUTION = 32
+EXACT = ("exact", "shadow-volumes")  # neither has a map
 visibility = eqx.filter_jit(lambda shadows, points, normals: shadows.visibility(points, normals))
 
 
@@ -33,7 +34,7 @@ def floor_points(dtype, num=48, reach=3.0):
 
 def compares(name):
     """Whether a technique's visibility is a mean of tests, so exact away from edges."""
-    return name == "exact" or make_technique(name).filter.compares
+    return name in EXACT or make_technique(name).filter.compares
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +76,7 @@ def test_far_from_the_edge_every_technique_is_exact(built, name):
     beyond = jnp.max(jnp.abs(points[:, ::2] - shift), axis=-1) - 1
     truth = (beyond > 0).astype(points.dtype)
     technique = make_technique(name)
-    if name == "exact":
+    if name in EXACT:
         band = 1e-9
     else:
         grid = built[name].maps[0].grid
@@ -99,7 +100,7 @@ def test_without_occluders_everything_is_lit(kind, dtype):
     plate = plate_over_plane(dtype)
     floor = Mesh(plate.vertices, plate.faces[:2], plate.face_colors[:2])
     points, normals = floor_points(dtype)
-    for name in ("exact", "hard", "pcf-4x4", "pcf-bilinear-3x3", "3sm+pcf-3x3", "4sm+pcf-3x3"):
+    for name in (*EXACT, "hard", "pcf-4x4", "pcf-bilinear-3x3", "3sm+pcf-3x3", "4sm+pcf-3x3"):
         shadows = make_technique(name, RESOLUTION).build(floor, lights(dtype)[kind], above(dtype))
         assert float(jnp.min(shadows.visibility(points, normals))) == 1, name
 
@@ -140,7 +141,7 @@ def test_local_lights_agree_with_the_exact_shadow(kind):
     assert errors[-1] < 0.02
 
 
-@pytest.mark.parametrize("name", ["hard", "pcf-3x3", "2sm-max+pcf-3x3"])
+@pytest.mark.parametrize("name", ["hard", "pcf-3x3", "2sm-max+pcf-3x3", "shadow-volumes"])
 def test_hard_tests_have_zero_gradient_by_construction(name):
     """The capability table says "values only" for these; nothing soft hides in them, and nothing is NaN."""
     mesh, camera, light = plate_over_plane(), above(), lights()["directional"]

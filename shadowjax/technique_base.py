@@ -1,0 +1,51 @@
+"""What a technique is: `build(mesh, light, camera)` gives shadows, which answer `visibility(points, normals)`."""
+
+from abc import abstractmethod
+
+import equinox as eqx
+
+from shadowjax._types import Array, Float, Points
+from shadowjax.geometry.camera import Camera
+from shadowjax.geometry.light import Light
+from shadowjax.geometry.mesh import Mesh
+
+
+class Shadows(eqx.Module):
+    """What a technique has built for one light: it answers for any point."""
+
+    @abstractmethod
+    def visibility(self, points: Points, normals: Points) -> Float[Array, "*points"]:
+        """Fraction of the light that reaches each point, in [0, 1]: 1 lit, 0 in shadow.
+
+        Args:
+            points: World points on surfaces.
+            normals: Unit normals of the side that is looked at; a side that faces away from the light is dark.
+        """
+
+    @property
+    @abstractmethod
+    def map_bytes(self) -> int:
+        """Bytes of all stored planes."""
+
+    def volume_bytes(self, num_samples: int) -> int:
+        """Bytes kept in place of a map: shadow volumes, and a stencil buffer of so many samples of a picture."""
+        del num_samples
+        return 0
+
+    @property
+    def prefers_images(self) -> bool:
+        """Whether `visibility` is faster for points of an image, (rows, cols, 3), than for a list of them."""
+        return False
+
+
+class Technique(eqx.Module):
+    """A way to answer "how much of the light arrives here?"."""
+
+    @abstractmethod
+    def build(self, mesh: Mesh, light: Light, camera: Camera) -> Shadows:
+        """Do the work that does not depend on receivers."""
+
+    @property
+    @abstractmethod
+    def num_tones(self) -> int | None:
+        """Upper bound on distinct visibilities; None where they are a continuum."""

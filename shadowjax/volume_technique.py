@@ -1,0 +1,242 @@
+"""Shadow volumes as a technique, and any technique accumulated over several places of its light."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from shadowjax._checks import concrete, require, require_choice, require_finite, require_int, require_value
+from shadowjax._numerics import dot
+from shadowjax._types import Array, ArrayLike, Float, Int, Points, Scalar, as_float_array
+from shadowjax.geometry.camera import Camera
+from shadowjax.geometry.light import Light
+from shadowjax.geometry.mesh import Mesh
+from shadowjax.rays.caster import SURFACE_ROUNDINGS
+from shadowjax.rays.light_space import LightSpace, in_front, light_space
+from shadowjax.technique_base import Shadows, Technique
+from shadowjax.volumes.draw import count_image
+from shadowjax.volumes.extrude import CASTERS, VolumeEdges, homogeneous_light, require_closed, volume_edges
+from shadowjax.volumes.jitter import jittered
+from shadowjax.volumes.regions import Regions, boundary, count_regions
+from shadowjax.volumes.stencil import METHODS, Stencil, is_lit, method_regions, start_count
+
+# Corners of a quad, and numbers of a homogeneous corner.
+QUAD_NUMBERS = 4 * 4
+
+
+class ShadowVolumes(Technique):
+    """Walls of shadow volumes counted between the eye and each point: exact, without a map and without a ray.
+
+    The count begins with the volumes around the camera's position, found by a segment to the light, so no capping is
+    needed; light caps are counted too, so points need not be visible from the camera.
+
+    Attributes:
+        method: "z-pass" counts between camera and point, "z-fail" behind the point.
+        casters: "both": every face casts, whichever side it shows the light; any mesh will do. "facing": only faces
+            whose outer side the light sees, as in the source; half the counts, but it needs a closed mesh wound
+            outwards, and the light outside it.
+        stencil: Arithmetic of the counters.
+
+    Source: stencil, sections 4.1 and 7, with the count at the eye in place of cap polygons.
+    """
+
+    method: str = eqx.field(static=True, default="z-pass")
+    casters: str = eqx.field(static=True, default="both")
+    stencil: Stencil = Stencil()
+
+    def __check_init__(self):
+        require_choice(self.method, "method", METHODS)
+        require_choice(self.casters, "casters", CASTERS)
+
+    def build(self, mesh: Mesh, light: Light, camera: Camera) -> "VolumeShadows":
+        """Find the edges, and the planes of everything that can be crossed.
+
+        Raises:
+            ValueError: With casters="facing", if the mesh is open or its faces are wound inconsistently.
+        """
+        return self.extrude(volume_edges(mesh), mesh, light, camera)
+
+    def extrude(self, edges: VolumeEdges, mesh: Mesh, light: Light, camera: Camera) -> "VolumeShadows":
+        """As `build`, for edges that are known: a mesh that moves keeps them, under `jit` too."""
+        if self.casters == "facing":
+            require_closed(edges)
+        return _extruded(edges, mesh, light, camera, self)
+
+    @property
+    def num_tones(self) -> int:
+        """Lit or not."""
+        return 2
+
+
+@eqx.filter_jit
+def _extruded(
+    edges: VolumeEdges, mesh: Mesh, light: Light, camera: Camera, technique: ShadowVolumes
+) -> "VolumeShadows":
+    mesh, light, camera = jax.lax.stop_gradient((mesh, light, camera))
+    found = boundary(mesh.vertices, mesh.faces, edges, homogeneous_light(light), camera.position, technique.casters)
+    lower, upper = mesh.bounds()
+    size = jnp.max(jnp.abs(jnp.stack([upper - lower, lower, upper, lower - camera.position, upper - camera.position])))
+    return VolumeShadows(
+        method_regions(found, technique.method),
+        start_count(found, technique.method),
+        jnp.sum(found.wall_regions(False).weights != 0, dtype=jnp.int32),
+        camera,
+        light,
+        light_space(light, camera.forward, lower, upper),
+        size,
+        technique.stencil,
+    )
+
+
+class VolumeShadows(Shadows):
+    """Shadow volumes of one light, ready to be counted from one eye.
+
+    Attributes:
+        regions: What is crossed on the way to a point, or behind it.
+        start: Volumes around the eye.
+        num_quads: Quads that bound the volumes.
+        camera: The eye, and the image that it sees.
+        light: The light.
+        space: Its rays.
+        size: Largest coordinate, world units: receivers keep some of its roundings away from their surface.
+        stencil: Arithmetic of the counters.
+    """
+
+    regions: Regions
+    start: Int[Array, ""]
+    num_quads: Int[Array, ""]
+    camera: Camera
+    light: Light
+    space: LightSpace
+    size: Scalar
+    stencil: Stencil
+
+    @eqx.filter_jit
+    def count(self, points: Points, normals: Points) -> Int[Array, "*points"]:
+        """What the stencil buffer holds at each point.
+
+        Args:
+            points: World points on surfaces; an image (rows, cols, 3) that the camera sees is counted fastest.
+            normals: Unit normals of the side that is looked at: the count is taken a few roundings off the surface.
+        """
+        to_light, _ = self.light.to_light(points)
+        gap = SURFACE_ROUNDINGS * jnp.finfo(points.dtype).eps * self.size
+        seen = jax.lax.stop_gradient(points + gap * (normals + to_light) - self.camera.position)
+
+        def count(regions: Regions) -> Int[Array, "*points"]:
+            if points.ndim != 3:
+                return count_regions(regions, seen)
+            # An image's background stands at the eye itself.
+            counts = jnp.any(points != self.camera.position, axis=-1)
+            return count_image(regions, seen, counts, self.camera.rotation)
+
+        if self.stencil.wraps:
+            total = count(self.regions)
+            return self.stencil.value(self.start, total, jnp.zeros_like(total))
+        up, down = (
+            count(eqx.tree_at(lambda r: r.weights, self.regions, jnp.maximum(sign * self.regions.weights, 0)))
+            for sign in (1, -1)
+        )
+        return self.stencil.value(self.start, up, down)
+
+    @eqx.filter_jit
+    def visibility(self, points: Points, normals: Points) -> Float[Array, "*points"]:
+        """1 where the side that is looked at faces the light and no volume holds the point, else 0."""
+        to_light, _ = self.light.to_light(points)
+        # No ray arrives behind a spot light, so nothing blocks one there.
+        lit = is_lit(self.count(points, normals)) | ~in_front(self.space, points)
+        return (lit & (dot(normals, to_light) > 0)).astype(points.dtype)
+
+    @property
+    def map_bytes(self) -> int:
+        """No map."""
+        return 0
+
+    def volume_bytes(self, num_samples: int) -> int:
+        """Corners of the quads that bound the volumes, and one counter a sample.
+
+        Where the mesh is being traced, every edge counts as a quad.
+        """
+        known = concrete(self.num_quads)
+        num = self.regions.weights.shape[0] if known is None else int(known)
+        return num * QUAD_NUMBERS * self.regions.planes.dtype.itemsize + -(-self.stencil.bits * num_samples // 8)
+
+    @property
+    def prefers_images(self) -> bool:
+        """Neighbours in an image are drawn over together."""
+        return True
+
+
+class JitteredLights(Technique):
+    """Soft shadows: another technique's answers for several places of the light, accumulated.
+
+    Attributes:
+        technique: Runs once for every place.
+        radius: Of the disc of places, world units; for a directional light the tangent of its angular radius. ≥ 0.
+        num_lights: Places, ≥ 1: one tone more than that.
+
+    Source: stencil, section 5.1.
+    """
+
+    technique: Technique
+    radius: Scalar
+    num_lights: int = eqx.field(static=True)
+
+    @classmethod
+    def create(cls, technique: Technique, radius: ArrayLike, num_lights: int = 16) -> "JitteredLights":
+        """Accumulate `technique` over `num_lights` places of the light.
+
+        Raises:
+            ValueError: If the radius is negative or not finite, or there is no light.
+        """
+        size = require_finite(as_float_array(radius), "radius")
+        size = require_value(size, size >= 0, "radius of a light must not be negative")
+        return cls(technique, size, require_int(num_lights, "num_lights", 1))
+
+    def build(self, mesh: Mesh, light: Light, camera: Camera) -> "AccumulatedShadows":
+        """Build the technique for every place of the light."""
+        lower, upper = mesh.bounds()
+        radius = self.radius.astype(lower.dtype)
+        lights = jittered(light, radius, self.num_lights, 0.5 * (lower + upper))
+        return AccumulatedShadows(tuple(self.technique.build(mesh, one, camera) for one in lights))
+
+    @property
+    def num_tones(self) -> int | None:
+        """One more than lights, if each gives two."""
+        each = self.technique.num_tones
+        return None if each is None else self.num_lights * (each - 1) + 1
+
+
+class AccumulatedShadows(Shadows):
+    """The mean of several shadows.
+
+    Attributes:
+        shadows: One for each place of the light.
+    """
+
+    shadows: tuple[Shadows, ...]
+
+    def __check_init__(self):
+        require(len(self.shadows) > 0, "accumulated shadows need at least one light; got none")
+
+    def visibility(self, points: Points, normals: Points) -> Float[Array, "*points"]:
+        """Share of the places from which each point is lit."""
+        # One after the other in a loop, so that many places are compiled as quickly as one.
+        parts = [eqx.partition(one, eqx.is_array) for one in self.shadows]
+        rest = parts[0][1]
+        stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(arrays for arrays, _ in parts))
+        values = jax.lax.map(lambda arrays: eqx.combine(arrays, rest).visibility(points, normals), stacked)
+        return jnp.mean(values, axis=0)
+
+    @property
+    def map_bytes(self) -> int:
+        """Bytes for one place after the other: the most that any needs."""
+        return max(one.map_bytes for one in self.shadows)
+
+    def volume_bytes(self, num_samples: int) -> int:
+        """As `map_bytes`: every place clears the buffer."""
+        return max(one.volume_bytes(num_samples) for one in self.shadows)
+
+    @property
+    def prefers_images(self) -> bool:
+        """As the technique does."""
+        return any(one.prefers_images for one in self.shadows)
