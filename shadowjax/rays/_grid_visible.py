@@ -34,7 +34,7 @@ LANES, FILL = 16, 4
 # The most cells along a side.
 MOST_CELLS = 1024
 # Points projected together: their numbers stay in the cache.
-BAND = 8192
+BAND = 2048
 # Cells of a row over which a triangle is compared with all points at once.
 SPAN = 4
 # What a line of points holds: plane positions and limits.
@@ -101,15 +101,15 @@ def _project(mesh: Mesh, space: LightSpace, points: Float[Array, "points 3"], no
     num_points = points.shape[0]
     size = min(BAND, num_points)
     gap = surface_gap(mesh)
-    # Coordinates as rows: a pass over them is then one over neighbours in memory.
-    given = tuple(part.T for part in (points, normals) if part is not None)
+    given = tuple(part for part in (points, normals) if part is not None)
     limits = jax.vmap(lambda *part: shadow_limits(space, part[0], part[1] if len(part) > 1 else None, gap), in_axes=1)
 
     def band(k: Index, state: tuple) -> tuple:
         # The last band starts early: computing a point twice changes nothing.
         first = less(k * size, jnp.uint32(num_points - size))
-        parts = (lax.dynamic_slice_in_dim(part, first, size, 1, allow_negative_indices=False) for part in given)
-        plane, limit, facing = limits(*parts)
+        parts = (lax.dynamic_slice_in_dim(part, first, size, allow_negative_indices=False) for part in given)
+        # Coordinates as rows: a pass over them is then one over neighbours in memory.
+        plane, limit, facing = limits(*lax.optimization_barrier([part.T for part in parts]))
         u, v = plane[:, 0], plane[:, 1]
         counts = facing & (limit > 0)
         if not isinstance(space, DirectionalSpace):
