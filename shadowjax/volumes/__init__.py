@@ -1,0 +1,1 @@
+"""Polygons before a light: their order by a BSP tree."""
