@@ -17,6 +17,7 @@ from experiments import (
     mdsm_fig_5_3,
     mdsm_fig_5_4,
     mdsm_figs_4_7_to_4_11,
+    stencil_bsp_balance,
     stencil_tables,
     warping_aliasing_maps,
     warping_errata,
@@ -62,6 +63,7 @@ EXPERIMENTS: dict[str, Experiment] = {
     "filtering_tables_4_1_and_4_3": filtering_tables_4_1_and_4_3,
     "filtering_fig_4_3": filtering_fig_4_3,
     "stencil_tables": stencil_tables,
+    "stencil_bsp_balance": stencil_bsp_balance,
 }
 
 

@@ -20,7 +20,7 @@ from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.scenes import palette
 from shadowjax.geometry.scenes.base import SUNLIGHT, framed
 from shadowjax.geometry.scenes.parts import Part, join, make_part, scatter
-from shadowjax.geometry.scenes.primitives import block, box, compact, icosahedron
+from shadowjax.geometry.scenes.primitives import block, box, convex_hull, icosahedron
 from shadowjax.geometry.scenes.recursive_tetrahedron import recursive_tetrahedron
 from shadowjax.geometry.scenes.solids import cube, dodecahedron, octahedron, standing, tetrahedron
 
@@ -55,15 +55,18 @@ class Built:
 
 
 def divided_tetrahedron(depth: int) -> Part:
-    """A tetrahedron each of whose triangles is cut into four, `depth` times, pushed out onto the unit sphere."""
+    """A tetrahedron whose triangles are cut into four, `depth` times, its corners pushed out onto the unit sphere.
+
+    Their convex hull: pushed out, some triangles would meet at a hollow edge.
+    """
     body = tetrahedron()
     corners = body.vertices[body.faces]
     for _ in range(depth):
         middles = (corners + np.roll(corners, -1, axis=1)) / 2
         both = np.concatenate([corners, middles], axis=1)
         corners = both[:, [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]].reshape(-1, 3, 3)
-    points, faces = np.unique(np.round(corners.reshape(-1, 3), 12), axis=0, return_inverse=True)
-    return compact(points / np.linalg.norm(points, axis=1, keepdims=True), faces.reshape(-1, 3))
+    points = np.unique(np.round(corners.reshape(-1, 3), 12), axis=0)
+    return convex_hull(points / np.linalg.norm(points, axis=1, keepdims=True))
 
 
 def ground(half_x: float, half_z: float) -> Part:

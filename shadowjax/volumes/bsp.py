@@ -40,7 +40,10 @@ class BspTree(eqx.Module):
         turned: Whether a piece looks against its node's plane.
         parent: Node above; -1 for the root.
         in_front: Whether a node lies in front of its parent's plane.
-        num_inside: Pieces in the node and below it.
+        ahead: Pieces in front of each node's plane, below it in the tree.
+        behind: Pieces behind it.
+        num_own: Pieces in its plane.
+        place: Place of each piece among those of its node, in the order of the input.
         dropped: Input polygons without area, which the tree does not hold.
         num_splits: How many times a polygon was cut.
         height: Nodes on the longest way down.
@@ -55,7 +58,10 @@ class BspTree(eqx.Module):
     turned: Bool[Array, "pieces"]
     parent: Int[Array, "nodes"]
     in_front: Bool[Array, "nodes"]
-    num_inside: Int[Array, "nodes"]
+    ahead: Int[Array, "nodes"]
+    behind: Int[Array, "nodes"]
+    num_own: Int[Array, "nodes"]
+    place: Int[Array, "pieces"]
     dropped: tuple[int, ...] = eqx.field(static=True)
     num_splits: int = eqx.field(static=True)
     height: int = eqx.field(static=True)
@@ -81,27 +87,17 @@ class BspTree(eqx.Module):
 
         Source: stencil, section 3.1.
         """
-        before = self._is_before(eye)
-        above, is_child = jnp.maximum(self.parent, 0), self.parent >= 0
-
-        def below(chosen: Bool[Array, "nodes"]) -> Int[Array, "nodes"]:
-            return jnp.zeros_like(self.num_inside).at[above].add(jnp.where(chosen, self.num_inside, 0))
-
-        ahead, behind = below(is_child & self.in_front), below(is_child & ~self.in_front)
-        near = jnp.where(before, ahead, behind)
-        own = self.num_inside - ahead - behind
+        before = self.planes[:, :3] @ eye + self.planes[:, 3] > 0
+        above = jnp.maximum(self.parent, 0)
+        near = jnp.where(before, self.ahead, self.behind)
         # What the parent puts before a node's first piece; then the sum along the way down.
-        comes_first = self.in_front == before[above]
-        start = jnp.where(is_child & ~comes_first, near[above] + own[above], 0)
-        jump = above
+        skipped = jnp.where(self.in_front == before[above], 0, near[above] + self.num_own[above])
+        start, jump = jnp.where(self.parent >= 0, skipped, 0), above
         for _ in range(math.ceil(math.log2(max(self.height, 2)))):
             start, jump = start + start[jump], jump[jump]
-        first = start + near
-        # Pieces of a node lie together; the later comes first, as it is painted last.
-        pieces = jnp.arange(self.num_pieces, dtype=jnp.int32)
-        within = pieces - jnp.searchsorted(self.node, self.node, side="left").astype(jnp.int32)
-        rank = first[self.node] + own[self.node] - 1 - within
-        return jnp.zeros_like(pieces).at[rank].set(pieces)
+        # Of the pieces of a node the later comes first, as it is painted last.
+        rank = (start + near + self.num_own - 1)[self.node] - self.place
+        return jnp.zeros_like(rank).at[rank].set(jnp.arange(self.num_pieces, dtype=rank.dtype))
 
     def back_to_front(self, eye: Vector3) -> Int[Array, "pieces"]:
         """Pieces in the order in which a painter can paint them: the reverse of `front_to_back`.
@@ -140,9 +136,6 @@ class BspTree(eqx.Module):
             num_polygons: How many polygons the input had.
         """
         return jnp.zeros(num_polygons, bool).at[self.source].max(self.facing(light))
-
-    def _is_before(self, eye: Vector3) -> Bool[Array, "nodes"]:
-        return self.planes[:, :3] @ eye + self.planes[:, 3] > 0
 
 
 def build_bsp(
@@ -254,12 +247,14 @@ def _packed(grown: Grown, cutter: Cutter, dropped: tuple[int, ...], dtype: Any) 
     width = int(count.max())
     node, source = node[order], source[order]
     parent = np.array(grown.parents)
-    inside = np.bincount(node, minlength=len(parent))
+    in_front = np.array(grown.in_front)
+    own = np.bincount(node, minlength=len(parent))
+    below = np.zeros((2, len(parent)), int)  # behind, ahead
     depth = np.ones(len(parent), int)
+    for child in range(len(parent) - 1, 0, -1):
+        below[int(in_front[child]), parent[child]] += own[child] + below[:, child].sum()
     for child in range(1, len(parent)):
         depth[child] = depth[parent[child]] + 1
-    for child in range(len(parent) - 1, 0, -1):
-        inside[parent[child]] += inside[child]
     planes = cutter.planes[np.array(grown.planes)]
     turned = (cutter.planes[source, :3] * planes[node, :3]).sum(axis=1) < 0
     return BspTree(
@@ -271,8 +266,11 @@ def _packed(grown: Grown, cutter: Cutter, dropped: tuple[int, ...], dtype: Any) 
         planes=jnp.asarray(planes, dtype),
         turned=jnp.asarray(turned),
         parent=jnp.asarray(parent, jnp.int32),
-        in_front=jnp.asarray(grown.in_front),
-        num_inside=jnp.asarray(inside, jnp.int32),
+        in_front=jnp.asarray(in_front),
+        ahead=jnp.asarray(below[1], jnp.int32),
+        behind=jnp.asarray(below[0], jnp.int32),
+        num_own=jnp.asarray(own, jnp.int32),
+        place=jnp.asarray(np.arange(len(node)) - np.searchsorted(node, node), jnp.int32),
         dropped=dropped,
         num_splits=grown.num_splits,
         height=int(depth.max()),
