@@ -39,7 +39,7 @@ class Cube(Partition):
     Attributes:
         margin: Texels that each map has beyond every edge of its face, ≥ 0; a technique sets it by `reaching`.
 
-    Source: stencil, section 2 (a light that shines everywhere needs several maps); Brabec, Annen and Seidel, 2002.
+    Source: stencil, section 2 says that a light that shines everywhere needs several maps; margins are derived here.
     """
 
     margin: int = eqx.field(static=True, default=2)
