@@ -143,18 +143,19 @@ def test_orientation_does_not_matter_where_all_faces_cast():
         silhouette_counts(mesh, sides, light, "both")
 
 
+@eqx.filter_jit
+def count_and_mask(mesh, sides, edges, light):
+    return silhouette_counts(mesh, sides, light), silhouette(mesh, edges, light)
+
+
 def test_faces_without_length_or_area_change_no_silhouette():
+    """A cube seen corner on has a hexagon for an outline, with degenerate faces along its edges too."""
     box = trimesh.creation.box()
-    mesh = Mesh.create(box.vertices, box.faces)
     thin = Mesh.create(box.vertices, np.concatenate([box.faces, [[0, 0, 1], [2, 3, 2]]]))
-    light = DirectionalLight.create((-1.0, -1.1, -1.2))
-
-    def outline(mesh):
-        sides = edge_sides(mesh)
-        assert sides.is_watertight
-        count = np.asarray(counts(mesh, sides, light))
-        return sorted(map(tuple, np.asarray(sides.vertices)[count != 0].tolist()))
-
-    assert outline(thin) == outline(mesh)
-    assert len(outline(mesh)) == 6
-    assert int(jnp.sum(silhouette(thin, edge_adjacency(thin), light))) == 6
+    sides, edges = edge_sides(thin), edge_adjacency(thin)
+    assert sides.is_watertight
+    count, mask = count_and_mask(thin, sides, edges, DirectionalLight.create((-1.0, -1.1, -1.2)))
+    outline = np.asarray(sides.vertices)[np.asarray(count) != 0]
+    assert len(outline) == 6
+    assert (np.bincount(outline.reshape(-1)) <= 2).all()
+    assert int(mask.sum()) == 6
