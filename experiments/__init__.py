@@ -17,7 +17,9 @@ from experiments import (
     mdsm_fig_5_3,
     mdsm_fig_5_4,
     mdsm_figs_4_7_to_4_11,
+    stencil_bsp_balance,
     stencil_figs_5_to_8,
+    stencil_tables,
     warping_aliasing_maps,
     warping_errata,
     warping_fig_18,
@@ -62,6 +64,8 @@ EXPERIMENTS: dict[str, Experiment] = {
     "filtering_tables_4_1_and_4_3": filtering_tables_4_1_and_4_3,
     "filtering_fig_4_3": filtering_fig_4_3,
     "stencil_figs_5_to_8": stencil_figs_5_to_8,
+    "stencil_tables": stencil_tables,
+    "stencil_bsp_balance": stencil_bsp_balance,
 }
 
 

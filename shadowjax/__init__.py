@@ -36,6 +36,7 @@ from shadowjax.geometry.mesh import Mesh, load
 from shadowjax.geometry.scenes import SCENES, Scene
 from shadowjax.geometry.scenes import make as make_scene
 from shadowjax.maps.shadow_map import ShadowMap, build_shadow_map
+from shadowjax.partitions.cube import Cube
 from shadowjax.partitions.faces import Faces
 from shadowjax.partitions.registry import PARTITIONS, make_partition
 from shadowjax.partitions.whole import Whole
@@ -63,6 +64,7 @@ __all__ = [
     "Camera",
     "ContactHardening",
     "Convolution",
+    "Cube",
     "DirectionalLight",
     "Exact",
     "Exponential",

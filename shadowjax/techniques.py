@@ -30,6 +30,7 @@ from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.maps.shadow_map import ShadowMap, build_shadow_map
 from shadowjax.partitions.base import Partition
+from shadowjax.partitions.cube import Cube
 from shadowjax.partitions.whole import Whole
 from shadowjax.rays.brute import BruteForce
 from shadowjax.rays.caster import SURFACE_ROUNDINGS, Caster
@@ -68,7 +69,8 @@ class ShadowMapping(Technique):
     def build(self, mesh: Mesh, light: Light, camera: Camera) -> "MappedShadows":
         """Cast the maps and let the filter prepare them."""
         factor = self.filter.cast_factor
-        partition, grids = _placed(self.partition, mesh, light, camera, self.resolution * factor)
+        partition = self.partition.reaching(self.filter.reach * factor)
+        partition, grids = _placed(partition, mesh, light, camera, self.resolution * factor)
         maps = tuple(build_shadow_map(self.caster, mesh, grid, self.layer) for grid in grids)
         return _read_with(self.filter, partition, camera, maps, self.bias, self.layer)
 
@@ -260,10 +262,13 @@ class ExactShadows(Shadows):
         return self.caster.prefers_images(self.space)
 
 
-def _mapping(filter_: Callable[[], Filter], layer: str = "first") -> Callable[..., Technique]:
+def _mapping(
+    filter_: Callable[[], Filter], layer: str = "first", partition: Callable[[], Partition] = Whole
+) -> Callable[..., Technique]:
     def make(resolution: int = 512, caster: Caster | None = None, **options: Any) -> Technique:
         caster = BruteForce() if caster is None else caster
-        return ShadowMapping(filter_(), resolution, caster=caster, **{"layer": layer, **options})
+        fields = {"layer": layer, "partition": partition(), **options}
+        return ShadowMapping(filter_(), resolution, caster=caster, **fields)
 
     return make
 
@@ -314,6 +319,8 @@ TECHNIQUES: dict[str, Callable[..., Technique]] = {
     "3sm+pcf-3x3": _mapping(lambda: MultiDepth(Neighbourhood("min-max"), 3)),
     "4sm+pcf-3x3": _mapping(lambda: MultiDepth(Ring(4), 3)),
     "shadow-volumes": _volumes,
+    "cube": _mapping(Hard, partition=Cube),
+    "cube+pcf-3x3": _mapping(lambda: PercentageCloser(3), partition=Cube),
 }
 
 

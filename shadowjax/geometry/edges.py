@@ -18,8 +18,9 @@ class EdgeAdjacency(eqx.Module):
     Topology, built on the host: it has no gradient and does not change while vertices move.
 
     Attributes:
-        vertices: The edge's ends; the first of its faces runs through them in this order.
-        faces: The two faces that meet here; -1 in place of the second where the edge is open.
+        vertices: The edge's ends; the first of its faces runs through them in this order, the second against it.
+        faces: The two faces that meet here; -1 in place of the second where the edge is open, and where no face is
+            left that runs along it the other way: faces of unlike orientation do not pair.
         num_faces: How many faces meet: 1 open, 2 manifold, more where the mesh is not a manifold (further pairs of
             faces then follow as edges of their own).
     """
@@ -30,8 +31,8 @@ class EdgeAdjacency(eqx.Module):
 
     @property
     def is_closed(self) -> bool:
-        """Whether exactly two faces meet at every edge."""
-        return bool(jnp.all(self.num_faces == 2))
+        """Whether exactly two faces meet at every edge, with one orientation."""
+        return bool(jnp.all((self.num_faces == 2) & (self.faces[:, 1] != OPEN)))
 
 
 def welded(mesh: Mesh) -> Int[np.ndarray, "faces 3"]:
@@ -63,6 +64,40 @@ def paired_sides(faces: Int[np.ndarray, "faces 3"]) -> tuple[np.ndarray, np.ndar
     return pairs, alone
 
 
+def opposite_sides(faces: Int[np.ndarray, "faces 3"]) -> tuple[np.ndarray, np.ndarray]:
+    """Sides of triangles that run along an edge in opposite senses, as pairs of side numbers 3·face + i.
+
+    Args:
+        faces: Vertex indices, welded if the mesh repeats vertices.
+
+    Returns:
+        The pairs, lower side number first, and the sides left alone. The first side one way is paired with the first
+        the other way, and so on; sides from a vertex to itself have no length and are left out.
+    """
+    ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+    number = np.flatnonzero(ends[:, 0] != ends[:, 1])
+    ends = ends[number]
+    key = np.sort(ends, axis=1)
+
+    def rank(columns: np.ndarray) -> np.ndarray:
+        """Place of each row among equal rows."""
+        _, group, count = np.unique(columns, axis=0, return_inverse=True, return_counts=True)
+        group = group.reshape(-1)
+        order = np.argsort(group, kind="stable")
+        starts = np.cumsum(count) - count
+        place = np.empty(len(group), int)
+        place[order] = np.arange(len(group)) - starts[group[order]]
+        return place
+
+    # Sides of one edge and of one place within their own sense belong together.
+    labelled = np.column_stack([key, rank(ends)])
+    order = np.lexsort((number, labelled[:, 2], labelled[:, 1], labelled[:, 0]))
+    same = np.all(labelled[order][1:] == labelled[order][:-1], axis=1)
+    first = np.flatnonzero(same)
+    pairs = np.stack([number[order[first]], number[order[first + 1]]], axis=-1)
+    return pairs, np.setdiff1d(number, pairs.reshape(-1), assume_unique=True)
+
+
 def edge_adjacency(mesh: Mesh, weld: bool = True) -> EdgeAdjacency:
     """Find the faces on both sides of every edge.
 
@@ -75,7 +110,7 @@ def edge_adjacency(mesh: Mesh, weld: bool = True) -> EdgeAdjacency:
     """
     faces = welded(mesh) if weld else np.asarray(mesh.faces)
     original = np.asarray(mesh.faces)
-    pairs, alone = paired_sides(faces)
+    pairs, alone = opposite_sides(faces)
     first = np.concatenate([pairs[:, 0], alone])
     second = np.concatenate([pairs[:, 1] // 3, np.full(len(alone), OPEN)])
     ends = np.stack([original, np.roll(original, -1, axis=1)], axis=-1).reshape(-1, 2)
@@ -97,7 +132,9 @@ def silhouette(mesh: Mesh, edges: EdgeAdjacency, light: Light) -> Bool[Array, "e
         light: Seen from its position, or along its direction.
 
     Returns:
-        A mask over the edges, under `jit` too; open edges always belong to the silhouette.
+        A mask over the edges, under `jit` too; open edges always belong to the silhouette. Where more than two faces
+        meet, two edges of the mask may lie on one another in opposite senses and cancel: shadow sides along all edges
+        of the mask with a facing face bound the shadow, and `silhouette_counts` says how few are enough.
     """
     to_light, _ = light.to_light(mesh.triangles()[:, 0])
     facing = dot(mesh.area_vectors(), to_light) > 0

@@ -21,6 +21,14 @@ class Partition(eqx.Module):
         """
         return self
 
+    def reaching(self, texels: float) -> "Partition":
+        """This partition for filters that read so many texels away; itself where regions do not border on each other.
+
+        Args:
+            texels: The filter's reach along an axis, in texels of the grids.
+        """
+        return self
+
     @abstractmethod
     def grids(self, mesh: Mesh, light: Light, camera: Camera, resolution: int) -> tuple[RayGrid, ...]:
         """The grid of light rays of every region; each is `resolution` × `resolution`."""

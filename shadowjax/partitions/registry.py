@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from shadowjax._checks import require_choice
 from shadowjax.partitions.base import Partition
+from shadowjax.partitions.cube import Cube
 from shadowjax.partitions.faces import Faces
 from shadowjax.partitions.whole import Whole
 from shadowjax.partitions.z_split import ZSplit
@@ -16,6 +17,7 @@ PARTITIONS: dict[str, Callable[[], Partition]] = {
     "z-seen": lambda: ZSplit(rule="seen"),
     "z-stable": lambda: ZSplit(warp=StableFit(), tight=False, choose="depth"),
     "faces": Faces,
+    "cube": Cube,
 }
 
 

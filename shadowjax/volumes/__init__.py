@@ -1,1 +1,1 @@
-"""Shadow volumes: what a light's shadow is bounded by, and the counting of its boundaries."""
+"""Shadow volumes: what bounds a light's shadow, the counting of its boundaries, and the order of polygons."""

@@ -1,0 +1,115 @@
+"""The six faces of a cube around a light at a place, each with a map that reaches over its edges."""
+
+import math
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from shadowjax._checks import require, require_int
+from shadowjax._types import Array, Float, Int, Points, Vector3
+from shadowjax.geometry.camera import Camera
+from shadowjax.geometry.light import DirectionalLight, Light, PointLight, SpotLight
+from shadowjax.geometry.mesh import Mesh
+from shadowjax.partitions.base import Partition
+from shadowjax.partitions.whole import Whole
+from shadowjax.rays.light_space import PerspectiveSpace, farthest
+from shadowjax.rays.plane_map import Box
+from shadowjax.rays.ray_grid import RayGrid
+from shadowjax.warps.uniform import UniformWarp
+
+NAMES = ("+x", "-x", "+y", "-y", "+z", "-z")
+
+
+class Cube(Partition):
+    """Six square maps that together see every direction from a light.
+
+    A point belongs to the face that its direction from the light points through: the axis of the largest component.
+    Each map is a quarter turn wide and some texels more on every side. A filter that reads beyond the edge of a face
+    thus reads what its own face sees there, on the same plane, with rays of the light like all others: no border, no
+    seam, and no rule for which texel of which neighbour follows. The technique asks for as many texels as its filter
+    reaches, and as many again for receivers that a bias moves.
+
+    Faces share their lines of texels: two neighbours have the same coordinate along their common edge. Texels are of
+    one size on the cube, so between 1 and 3√3 times finer in solid angle towards the corners.
+
+    For a directional light all rays are parallel and one map serves: the cube is then `Whole`.
+
+    Attributes:
+        margin: Texels that each map has beyond every edge of its face, ≥ 0; a technique sets it by `reaching`.
+
+    Source: stencil, section 2 says that a light that shines everywhere needs several maps; margins are derived here.
+    """
+
+    margin: int = eqx.field(static=True, default=2)
+
+    def __check_init__(self):
+        require_int(self.margin, "margin", 0)
+
+    def reaching(self, texels: float) -> "Cube":
+        """The cube with a margin for a filter that reads so many texels away."""
+        return Cube(2 * math.ceil(texels) + 1)
+
+    def grids(self, mesh: Mesh, light: Light, camera: Camera, resolution: int) -> tuple[RayGrid, ...]:
+        """One grid a face, in the order of `NAMES`; one alone for a directional light.
+
+        Raises:
+            ValueError: If the margin leaves no texel for the faces themselves, or the light is of an unknown kind.
+        """
+        if isinstance(light, DirectionalLight):
+            return Whole().grids(mesh, light, camera, resolution)
+        if not isinstance(light, PointLight | SpotLight):
+            raise ValueError(f"a cube needs a light of the package; got {type(light).__name__}")
+        inner = resolution - 2 * self.margin
+        require(
+            inner >= 1,
+            f"a resolution of {resolution} texels leaves nothing inside margins of {self.margin} for this filter; use "
+            f"at least {2 * self.margin + 1}",
+        )
+        lower, upper = mesh.bounds()
+        corner = jnp.full(2, resolution / inner, mesh.vertices.dtype)
+        return tuple(
+            RayGrid(space, UniformWarp(Box(-corner, corner)), farthest(space, lower, upper), resolution, resolution)
+            for space in (PerspectiveSpace(light.position, frame) for frame in face_frames(light.position.dtype))
+        )
+
+    def select(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> Int[Array, "*points"]:
+        """The face through which each point's direction from the light points; at the light itself the first."""
+        if len(grids) == 1:
+            return jnp.zeros(points.shape[:-1], jnp.int32)
+        return face_of(points - _position(grids))
+
+
+def face_frames(dtype: Any) -> tuple[Float[Array, "3 3"], ...]:
+    """Right, up and forward of each face, in the order of `NAMES`: the axes of the world themselves.
+
+    Args:
+        dtype: Of the frames.
+    """
+    axes = np.eye(3)
+    frames = []
+    for axis in range(3):
+        right, up, forward = axes[(axis + 1) % 3], axes[(axis + 2) % 3], axes[axis]
+        frames += [np.stack([right, up, forward]), np.stack([up, right, -forward])]
+    return tuple(jnp.asarray(frame, dtype) for frame in frames)
+
+
+def face_of(directions: Float[Array, "*points 3"]) -> Int[Array, "*points"]:
+    """Index into `NAMES` of the face of a cube that a direction points through; on an edge the earlier axis.
+
+    Args:
+        directions: From the middle of the cube, of any length.
+    """
+    axis = jnp.argmax(jnp.abs(directions), axis=-1)
+    along = jnp.take_along_axis(directions, axis[..., None], axis=-1)[..., 0]
+    return 2 * axis.astype(jnp.int32) + (along < 0).astype(jnp.int32)
+
+
+def _position(grids: tuple[RayGrid, ...]) -> Vector3:
+    space = grids[0].space
+    assert isinstance(space, PerspectiveSpace)
+    return space.position
+
+
+__all__ = ["NAMES", "Cube", "face_frames", "face_of"]
