@@ -1,0 +1,229 @@
+"""The search behind a shadow picture: every line across which visibility jumps in a view, and by how much; no gradient."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from shadowjax._checks import require_int
+from shadowjax._numerics import dot, norm, normalize, safe_divide
+from shadowjax._types import Array, Bool, Float, Int, Points, Scalar, Vector3
+from shadowjax.geometry.light import Light
+from shadowjax.geometry.mesh import Mesh
+from shadowjax.geometry.outlines import MeshEdges, outline
+from shadowjax.rays._edge_cells import Crossings, map_present, places_beside, room, spread
+from shadowjax.rays.caster import Caster
+from shadowjax.rays.coverage import CHUNK, default_room, edge_ends, pairs_of, rays_beside, segments_on, towards_source
+from shadowjax.rays.light_space import LightSpace, farthest, light_space
+from shadowjax.rays.ray import Hit, Rays
+from shadowjax.rays.ray_grid import RayGrid
+
+# Pieces of a shadow's edge for each cell of the view, if the view shows just the scene.
+PIECES = 1.0
+# Where along a piece it is asked what the shadow falls on: close to its ends.
+PROBES = (0.02, 0.98)
+# How far beside an edge the light's rays look, in roundings of the scene's size.
+ASIDE = 1024.0
+
+
+class Line(NamedTuple):
+    """Where the line of each pair comes from: enough to draw it again, with a gradient.
+
+    Attributes:
+        falls: Whether it is the edge of a shadow on a face; else an edge that is seen itself.
+        edge: Index of the edge: of the caster's edges if it falls, else of the receiver's.
+        begin, end: Part of the edge that casts it.
+        face: On which it falls.
+    """
+
+    falls: Bool[Array, "n"]
+    edge: Int[Array, "n"]
+    begin: Float[Array, "n"]
+    end: Float[Array, "n"]
+    face: Int[Array, "n"]
+
+
+class Borders(NamedTuple):
+    """All that is needed to draw a shadow picture and its derivative.
+
+    Attributes:
+        base: Visibility at the centres of the pixels.
+        pairs: Pieces of lines in pixels.
+        line: The line of each pair.
+        left, right: Visibility on both sides.
+        counts: Whether the piece parts what is seen.
+    """
+
+    base: Float[Array, "rows cols"]
+    pairs: Crossings
+    line: Line
+    left: Float[Array, "n"]
+    right: Float[Array, "n"]
+    counts: Bool[Array, "n"]
+
+
+def space_of(light: Light, mesh: Mesh, shown: Mesh) -> LightSpace:
+    """Rays of a light around everything."""
+    lower, upper = _bounds(mesh, shown)
+    return light_space(light, jnp.asarray([0.36, 0.48, 0.8], lower.dtype), lower, upper)
+
+
+def _bounds(mesh: Mesh, shown: Mesh) -> tuple[Vector3, Vector3]:
+    (low, high), (low_shown, high_shown) = (lax.stop_gradient(part.bounds()) for part in (mesh, shown))
+    return jnp.minimum(low, low_shown), jnp.maximum(high, high_shown)
+
+
+def carried(points: Points, space: LightSpace, onto: Float[Array, "n 3 3"]) -> tuple[Points, Bool[Array, "n"]]:
+    """Where the light's rays through points meet the planes of triangles, and whether they do so behind the points."""
+    travel = -towards_source(space, points)
+    corner = onto[:, 0]
+    normal = jnp.cross(onto[:, 1] - corner, onto[:, 2] - corner)
+    along = safe_divide(dot(corner - points, normal), dot(travel, normal))
+    return points + along[:, None] * travel, lax.stop_gradient(along) > 0
+
+
+def on_edge(mesh: Mesh, edges: MeshEdges, edge: Int[Array, "n"], part: Float[Array, "n"]) -> Points:
+    """Points of edges at a part of their length."""
+    first, second = (mesh.vertices[edges.vertices[edge, k]] for k in range(2))
+    return first + part[:, None] * (second - first)
+
+
+@eqx.filter_jit
+def find_borders(
+    mesh: Mesh,
+    edges: MeshEdges,
+    light: Light,
+    view: RayGrid,
+    caster: Caster,
+    shown: tuple[Mesh, MeshEdges] | None,
+    max_pairs: int | None,
+) -> Borders:
+    """Base picture, and lines with what lies on their sides.
+
+    Args:
+        mesh: What casts shadows.
+        edges: Of it.
+        light: The light.
+        view: Rays of the picture.
+        caster: Casts the rays.
+        shown: What the view sees, with its edges; the mesh itself if None.
+        max_pairs: Room.
+    """
+    seen_mesh, seen_edges = (mesh, edges) if shown is None else shown
+    space = space_of(light, mesh, seen_mesh)
+    shadows = caster.prepared(mesh)
+    eye = shadows if shown is None else caster.prepared(seen_mesh)
+
+    def lit(hit: Hit, rays: Rays) -> Array:
+        seen = hit.is_hit
+        points = rays.at(jnp.where(seen, hit.depth, jnp.zeros_like(hit.depth)))
+        normals = seen_mesh.face_normals()[jnp.where(seen, hit.face, 0)]
+        normals = jnp.where((dot(normals, rays.directions) > 0)[..., None], -normals, normals)
+        value = shadows.visible(mesh, space, points, normals)
+        return jnp.where(seen, value, jnp.ones_like(value)).astype(points.dtype)
+
+    base = lit(eye.closest_on_grid(seen_mesh, view), view.rays())
+    parts = _seen_lines(seen_mesh, seen_edges, space, view), _fallen_lines(
+        mesh, edges, seen_mesh, space, view, shadows, None if shown is None else eye, max_pairs
+    )
+    (start, end, present), line = jax.tree.map(lambda *both: jnp.concatenate(both), *parts)
+    pairs, chunk = pairs_of(start, end, present, view, max_pairs)
+    beside = places_beside(start[pairs.segment], end[pairs.segment], 0.5 * (pairs.first + pairs.last))
+
+    def search(part: tuple) -> tuple[Array, ...]:
+        exists, *places = part
+        # Both sides in one cast: half the code to compile.
+        rays = rays_beside(view, jnp.concatenate(places), jnp.concatenate([exists, exists]))
+        hit = eye.closest(seen_mesh, rays)
+        return tuple(x for part in (hit.face, hit.depth, lit(hit, rays)) for x in jnp.split(part, 2))
+
+    (*faces, depth, other_depth, left, right) = map_present(search, (pairs.present, *beside), pairs.count, chunk)
+    line = jax.tree.map(lambda x: x[pairs.segment], line)
+    nearer = jnp.where(depth <= other_depth, *faces)
+    brighter = jnp.where(left >= right, *faces)
+    own = jnp.where(line.falls, brighter == line.face, seen_edges.touch(jnp.where(line.falls, 0, line.edge), nearer))
+    return Borders(base, pairs, line, left, right, pairs.present & own & (left != right))
+
+
+def _seen_lines(mesh: Mesh, edges: MeshEdges, space: LightSpace, view: RayGrid) -> tuple[tuple, Line]:
+    """Edges that end a surface for the view, or its lit side."""
+    start, end, inside = edge_ends(view, mesh, edges)
+    first = mesh.vertices[edges.vertices[:, 0]]
+    parts = outline(mesh, edges, towards_source(view.space, first))
+    parts = parts | outline(mesh, edges, towards_source(space, first))
+    number = jnp.arange(start.shape[0], dtype=jnp.int32)
+    zeros = jnp.zeros_like(start[:, 0])
+    return (start, end, inside & parts), Line(jnp.zeros_like(parts), number, zeros, zeros + 1, jnp.zeros_like(number))
+
+
+def _fallen_lines(
+    mesh: Mesh,
+    edges: MeshEdges,
+    shown: Mesh,
+    space: LightSpace,
+    view: RayGrid,
+    shadows: Caster,
+    eye: Caster | None,
+    max_pairs: int | None,
+) -> tuple[tuple, Line]:
+    """The light's outlines in short pieces, carried onto the planes of the faces behind the ends of each."""
+    first, second = (mesh.vertices[edges.vertices[:, k]] for k in range(2))
+    casts = outline(mesh, edges, towards_source(space, first))
+    lower, upper = _bounds(mesh, shown)
+    size: Scalar = jnp.maximum(norm(upper - lower), jnp.max(jnp.abs(jnp.stack([lower, upper]))))
+    wanted = norm(second - first) / size * (PIECES * max(view.num_rows, view.num_cols))
+    capacity, chunk = room(default_room(view) if max_pairs is None else require_int(max_pairs, "max_pairs", 1), CHUNK)
+    counts = jnp.where(casts, jnp.clip(jnp.ceil(wanted), 1, capacity).astype(jnp.int32), 0)
+    edge, piece, total = spread(counts, capacity)
+    total = eqx.error_if(total, total > capacity, f"edges of shadows have more than {capacity} pieces; raise max_pairs")
+    present = jnp.arange(capacity, dtype=jnp.int32) < total
+    share = jnp.maximum(counts[edge], 1).astype(size.dtype)
+    begin, end = (piece.astype(size.dtype) / share, (piece + 1).astype(size.dtype) / share)
+    middle = on_edge(mesh, edges, edge, 0.5 * (begin + end))
+    across = normalize(jnp.cross(second[edge] - first[edge], towards_source(space, middle)))
+    across = across * (ASIDE * jnp.finfo(size.dtype).eps * size)
+    far = farthest(space, lower, upper)
+
+    def search(part: tuple) -> tuple[Array, ...]:
+        exists, *places = part
+        origins, directions = space.ray(space.project(jnp.concatenate(places))[0])
+        limit = jnp.where(jnp.tile(exists, len(places)), far, -jnp.ones_like(far))
+        rays = Rays(origins, directions, jnp.zeros_like(far), limit)
+        hit = shadows.closest(mesh, rays)
+        behind = hit if eye is None else eye.closest(shown, rays)
+        return tuple(
+            jnp.stack(jnp.split(x, len(places)), -1) for x in (hit.face, hit.depth, behind.face, behind.depth)
+        )
+
+    probes = [on_edge(mesh, edges, edge, begin + at * (end - begin)) for at in PROBES]
+    places = [probe + side for probe in probes for side in (across, -across)]
+    found = map_present(search, (present, *places), total, chunk)
+    near_face, near, face, depth = (x.reshape(-1, len(PROBES), 2) for x in found)
+    # The light passes on the side where the mesh is farther; what it meets there receives the shadow.
+    passes = jnp.argmax(near, axis=-1, keepdims=True)
+
+    def pick(values: Any, side: Any) -> Any:
+        return jnp.take_along_axis(values, side, axis=-1)[..., 0]
+
+    face, depth, near_face, near = pick(face, passes), pick(depth, passes), pick(near_face, 1 - passes), pick(near, 1 - passes)
+    gap = 8 * ASIDE * jnp.finfo(size.dtype).eps * size
+    falls = present[:, None] & edges.touch(jnp.stack([edge, edge], -1), near_face) & (face >= 0) & (depth > near + gap)
+    # A piece that falls on one face is drawn once.
+    falls = falls.at[:, 1].set(falls[:, 1] & ~(falls[:, 0] & (face[:, 0] == face[:, 1])))
+    edge, begin, end = (jnp.concatenate([x, x]) for x in (edge, begin, end))
+    face, falls = face.T.reshape(-1), falls.T.reshape(-1)
+    line = Line(jnp.ones_like(falls), edge, begin, end, jnp.where(falls, face, 0))
+    start, finish, before, ahead = fallen_ends(mesh, edges, shown, space, view, line)
+    return (start, finish, falls & before & ahead), line
+
+
+def fallen_ends(
+    mesh: Mesh, edges: MeshEdges, shown: Mesh, space: LightSpace, view: RayGrid, line: Line
+) -> tuple[Array, Array, Array, Array]:
+    """Ends of shadows' edges in grid positions, differentiable; whether they lie before the view, and behind edges."""
+    onto = shown.triangles()[line.face]
+    ends, ahead = zip(*(carried(on_edge(mesh, edges, line.edge, at), space, onto) for at in line[2:4]), strict=True)
+    start, end, before = segments_on(view, *ends)
+    return start, end, before, ahead[0] & ahead[1]
