@@ -177,7 +177,9 @@ def area_beyond(
     turn = _cross(a, b)
     around = _perimeter(b) - _perimeter(a)
     around = around - 4 * jnp.round(around / 4)
-    around = jnp.where((turn >= 0) & (around < -1), around + 4, jnp.where((turn < 0) & (around > 1), around - 4, around))
+    around = jnp.where(
+        (turn >= 0) & (around < -1), around + 4, jnp.where((turn < 0) & (around > 1), around - 4, around)
+    )
     # Seen from a piece that begins or ends at the centre, nothing lies between its ends.
     tiny = float(jnp.finfo(start.dtype).eps)
     seen = (jnp.max(jnp.abs(a), axis=-1) > tiny) & (jnp.max(jnp.abs(b), axis=-1) > tiny)
@@ -214,8 +216,7 @@ def blend(
     right: Float[Array, "planes n"],
     start: Float[Array, "n 2"],
     end: Float[Array, "n 2"],
-    pairs: Crossings,
-    counts: Bool[Array, "n"],
+    piece: tuple[Array, Array, Array, Array],
     num_cols: int,
 ) -> Float[Array, "planes cells"]:
     """Means over cells, from values at their centres and on both sides of the pieces that cross them.
@@ -223,24 +224,23 @@ def blend(
     Args:
         base: Values at the centres.
         left, right: Values just beside each piece.
-        start, end: Ends of the segment of each pair.
-        pairs: Which piece crosses which cell.
-        counts: Pairs whose piece parts the picture.
+        start, end: Ends of the line of each piece.
+        piece: Cell of each, its ends as parts of the line, and whether it parts the picture.
         num_cols: Columns of the grid.
     """
+    cell, first, last, counts = piece
     dtype = base.dtype
-    centre = jnp.stack([pairs.cell % num_cols, pairs.cell // num_cols], axis=-1).astype(dtype) + 0.5
-    area = area_beyond(start, end, pairs.first, pairs.last, centre)
+    centre = jnp.stack([cell % num_cols, cell // num_cols], axis=-1).astype(dtype) + 0.5
+    area = area_beyond(start, end, first, last, centre)
     # Which side of a piece through the centre the centre belongs to is up to rounding: take the side that the area took.
     change = lax.stop_gradient(end - start)
-    a, b = (lax.stop_gradient(start) + at[:, None] * change - centre for at in (pairs.first, pairs.last))
+    a, b = (lax.stop_gradient(start) + at[:, None] * change - centre for at in (first, last))
     turn, length = _cross(a, b), jnp.sqrt(jnp.sum((b - a) ** 2, axis=-1))
     near = BESIDE * float(jnp.finfo(dtype).eps) ** 0.5
     through = counts & (jnp.abs(turn) <= near * length) & (jnp.sum(a * b, axis=-1) <= near * near)
     side = jnp.where(turn >= 0, left, right)
     share = jnp.where(counts, area, jnp.zeros_like(area)) * (right - left)
-    moved = jnp.where(through, side - base[:, pairs.cell], jnp.zeros_like(side))
-    votes = jnp.zeros(base.shape[1], dtype).at[pairs.cell].add(through.astype(dtype))
-    settled = jnp.zeros_like(base).at[:, pairs.cell].add(moved) / jnp.maximum(votes, 1)
-    return base + settled + jnp.zeros_like(base).at[:, pairs.cell].add(share)
-
+    moved = jnp.where(through, side - base[:, cell], jnp.zeros_like(side))
+    votes = jnp.zeros(base.shape[1], dtype).at[cell].add(through.astype(dtype))
+    settled = jnp.zeros_like(base).at[:, cell].add(moved) / jnp.maximum(votes, 1)
+    return base + settled + jnp.zeros_like(base).at[:, cell].add(share)

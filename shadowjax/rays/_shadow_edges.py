@@ -13,7 +13,8 @@ from shadowjax._types import Array, Bool, Float, Int, Points, Scalar, Vector3
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.outlines import MeshEdges, outline
-from shadowjax.rays._edge_cells import Crossings, map_present, places_beside, room, spread
+from shadowjax.rays._edge_cells import map_present, room, spread
+from shadowjax.rays._edge_pieces import Pieces, settle
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.coverage import CHUNK, default_room, edge_ends, pairs_of, rays_beside, segments_on, towards_source
 from shadowjax.rays.light_space import LightSpace, farthest, light_space
@@ -50,18 +51,13 @@ class Borders(NamedTuple):
 
     Attributes:
         base: Visibility at the centres of the pixels.
-        pairs: Pieces of lines in pixels.
-        line: The line of each pair.
-        left, right: Visibility on both sides.
-        counts: Whether the piece parts what is seen.
+        pieces: Pieces of lines in pixels: case 1 is brighter on the left, 2 on the right.
+        line: The line of each piece.
     """
 
     base: Float[Array, "rows cols"]
-    pairs: Crossings
+    pieces: Pieces
     line: Line
-    left: Float[Array, "n"]
-    right: Float[Array, "n"]
-    counts: Bool[Array, "n"]
 
 
 def space_of(light: Light, mesh: Mesh, shown: Mesh) -> LightSpace:
@@ -125,26 +121,27 @@ def find_borders(
         return jnp.where(seen, value, jnp.ones_like(value)).astype(points.dtype)
 
     base = lit(eye.closest_on_grid(seen_mesh, view), view.rays())
-    parts = _seen_lines(seen_mesh, seen_edges, space, view), _fallen_lines(
-        mesh, edges, seen_mesh, space, view, shadows, None if shown is None else eye, max_pairs
+    parts = (
+        _seen_lines(seen_mesh, seen_edges, space, view),
+        _fallen_lines(mesh, edges, seen_mesh, space, view, shadows, None if shown is None else eye, max_pairs),
     )
     (start, end, present), line = jax.tree.map(lambda *both: jnp.concatenate(both), *parts)
     pairs, chunk = pairs_of(start, end, present, view, max_pairs)
-    beside = places_beside(start[pairs.segment], end[pairs.segment], 0.5 * (pairs.first + pairs.last))
 
-    def search(part: tuple) -> tuple[Array, ...]:
-        exists, *places = part
+    def probe(left: Array, right: Array, exists: Array, segment: Array) -> tuple[Array, tuple[()]]:
         # Both sides in one cast: half the code to compile.
-        rays = rays_beside(view, jnp.concatenate(places), jnp.concatenate([exists, exists]))
+        rays = rays_beside(view, jnp.concatenate([left, right]), jnp.concatenate([exists, exists]))
         hit = eye.closest(seen_mesh, rays)
-        return tuple(x for part in (hit.face, hit.depth, lit(hit, rays)) for x in jnp.split(part, 2))
+        faces, depths, values = (jnp.split(x, 2) for x in (hit.face, hit.depth, lit(hit, rays)))
+        nearer = jnp.where(depths[0] <= depths[1], *faces)
+        brighter = jnp.where(values[0] >= values[1], *faces)
+        falls, edge = line.falls[segment], line.edge[segment]
+        own = jnp.where(falls, brighter == line.face[segment], seen_edges.touch(jnp.where(falls, 0, edge), nearer))
+        case = jnp.where(values[0] > values[1], 1, jnp.where(values[0] < values[1], 2, 0))
+        return jnp.where(own, case, 0).astype(jnp.int32), ()
 
-    (*faces, depth, other_depth, left, right) = map_present(search, (pairs.present, *beside), pairs.count, chunk)
-    line = jax.tree.map(lambda x: x[pairs.segment], line)
-    nearer = jnp.where(depth <= other_depth, *faces)
-    brighter = jnp.where(left >= right, *faces)
-    own = jnp.where(line.falls, brighter == line.face, seen_edges.touch(jnp.where(line.falls, 0, line.edge), nearer))
-    return Borders(base, pairs, line, left, right, pairs.present & own & (left != right))
+    pieces = settle(pairs, start, end, probe, chunk)
+    return Borders(base, pieces, jax.tree.map(lambda x: x[pieces.segment], line))
 
 
 def _seen_lines(mesh: Mesh, edges: MeshEdges, space: LightSpace, view: RayGrid) -> tuple[tuple, Line]:
@@ -193,9 +190,7 @@ def _fallen_lines(
         rays = Rays(origins, directions, jnp.zeros_like(far), limit)
         hit = shadows.closest(mesh, rays)
         behind = hit if eye is None else eye.closest(shown, rays)
-        return tuple(
-            jnp.stack(jnp.split(x, len(places)), -1) for x in (hit.face, hit.depth, behind.face, behind.depth)
-        )
+        return tuple(jnp.stack(jnp.split(x, len(places)), -1) for x in (hit.face, hit.depth, behind.face, behind.depth))
 
     probes = [on_edge(mesh, edges, edge, begin + at * (end - begin)) for at in PROBES]
     places = [probe + side for probe in probes for side in (across, -across)]
@@ -207,7 +202,12 @@ def _fallen_lines(
     def pick(values: Any, side: Any) -> Any:
         return jnp.take_along_axis(values, side, axis=-1)[..., 0]
 
-    face, depth, near_face, near = pick(face, passes), pick(depth, passes), pick(near_face, 1 - passes), pick(near, 1 - passes)
+    face, depth, near_face, near = (
+        pick(face, passes),
+        pick(depth, passes),
+        pick(near_face, 1 - passes),
+        pick(near, 1 - passes),
+    )
     gap = 8 * ASIDE * jnp.finfo(size.dtype).eps * size
     falls = present[:, None] & edges.touch(jnp.stack([edge, edge], -1), near_face) & (face >= 0) & (depth > near + gap)
     # A piece that falls on one face is drawn once.

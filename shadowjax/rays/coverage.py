@@ -8,10 +8,11 @@ from jax import lax
 
 from shadowjax._checks import require, require_int
 from shadowjax._numerics import dot
-from shadowjax._types import Array, Bool, Float, Int, Points
+from shadowjax._types import Array, Bool, Float, Points
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.outlines import MeshEdges, outline
-from shadowjax.rays._edge_cells import Crossings, blend, crossings, map_present, places_beside, room
+from shadowjax.rays._edge_cells import Crossings, blend, crossings, places_beside, room
+from shadowjax.rays._edge_pieces import Pieces, settle
 from shadowjax.rays.brute import BruteForce
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.light_space import DirectionalSpace, LightSpace, OctahedralSpace, PerspectiveSpace
@@ -47,7 +48,6 @@ class _Powers(eqx.Module):
         return jnp.stack(planes)
 
 
-@eqx.filter_jit
 def coverage_planes(
     mesh: Mesh,
     edges: MeshEdges,
@@ -81,30 +81,49 @@ def coverage_planes(
         RuntimeError: If outlines cross more texels than there is room for.
     """
     caster = BruteForce() if caster is None else caster
-    base = encode(caster.closest_on_grid(mesh, grid).depth)
+    base = encode(_depth(mesh, grid, caster))
+    pieces = _find_pieces(*lax.stop_gradient((mesh, edges, grid, caster)), max_pairs)
+    return _blended(mesh, edges, grid, encode, base, pieces)
+
+
+@eqx.filter_jit
+def _find_pieces(mesh: Mesh, edges: MeshEdges, grid: RayGrid, caster: Caster, max_pairs: int | None) -> Pieces:
+    """Pieces of the outline of the nearest layer, with the triangle on either side."""
     start, end, inside = edge_ends(grid, mesh, edges)
     seen = inside & outline(mesh, edges, towards_source(grid.space, mesh.vertices[edges.vertices[:, 0]]))
     pairs, chunk = pairs_of(start, end, seen, grid, max_pairs)
-    start, end = start[pairs.segment], end[pairs.segment]
-    beside = places_beside(*lax.stop_gradient((start, end)), 0.5 * (pairs.first + pairs.last))
-    caster = caster.prepared(lax.stop_gradient(mesh))
+    caster = caster.prepared(mesh)
 
-    def search(part: tuple) -> tuple[Array, Array]:
-        present, *places = part
-        faces = [caster.closest(mesh, rays_beside(grid, place, present)).face for place in places]
-        return faces[0], faces[1]
+    def probe(left: Array, right: Array, exists: Array, segment: Array) -> tuple[Array, tuple[Array, Array]]:
+        rays = rays_beside(grid, jnp.concatenate([left, right]), jnp.concatenate([exists, exists]))
+        hit = caster.closest(mesh, rays)
+        faces, depths = jnp.split(hit.face, 2), jnp.split(hit.depth, 2)
+        nearer = jnp.where(depths[0] < depths[1], *faces)
+        return edges.touch(segment, nearer).astype(jnp.int32), tuple(faces)
 
-    faces = map_present(search, (pairs.present, *beside), pairs.count, chunk)
-    depths = [
-        intersect(mesh, rays_beside(grid, place, jnp.ones_like(pairs.present)), face).depth
-        for place, face in zip(beside, faces, strict=True)
-    ]
-    nearer = jnp.where(depths[0] < depths[1], *faces)
-    counts = pairs.present & edges.touch(pairs.segment, nearer)
-    left, right = (encode(depth) for depth in depths)
-    num_cells = grid.num_rows * grid.num_cols
-    flat = blend(base.reshape(-1, num_cells), left, right, start, end, pairs, counts, grid.num_cols)
+    return settle(pairs, start, end, probe, chunk)
+
+
+@eqx.filter_jit
+def _blended(
+    mesh: Mesh, edges: MeshEdges, grid: RayGrid, encode: Encode, base: Float[Array, "n rows cols"], pieces: Pieces
+) -> Float[Array, "n rows cols"]:
+    """Codes blended by area, with a gradient in depths and in the ends of edges."""
+    start, end, _ = edge_ends(grid, mesh, edges)
+    start, end = start[pieces.segment], end[pieces.segment]
+    beside = places_beside(*lax.stop_gradient((start, end)), 0.5 * (pieces.first + pieces.last))
+    left, right = (
+        encode(intersect(mesh, grid.rays_at(place / grid.resolution), face).depth)
+        for place, face in zip(beside, pieces.found, strict=True)
+    )
+    piece = pieces.cell, pieces.first, pieces.last, pieces.case > 0
+    flat = blend(base.reshape(base.shape[0], -1), left, right, start, end, piece, grid.num_cols)
     return flat.reshape(base.shape)
+
+
+@eqx.filter_jit
+def _depth(mesh: Mesh, grid: RayGrid, caster: Caster) -> Float[Array, "rows cols"]:
+    return caster.closest_on_grid(mesh, grid).depth
 
 
 def coverage_depth(
@@ -134,7 +153,9 @@ def pairs_of(
     wanted = default_room(grid) if max_pairs is None else require_int(max_pairs, "max_pairs", 1)
     capacity, chunk = room(wanted, CHUNK)
     pairs = crossings(start, end, present, (grid.num_rows, grid.num_cols), capacity)
-    return eqx.error_if(pairs, pairs.count > capacity, f"outlines cross more than {capacity} cells; raise max_pairs"), chunk
+    return eqx.error_if(
+        pairs, pairs.count > capacity, f"outlines cross more than {capacity} cells; raise max_pairs"
+    ), chunk
 
 
 def default_room(grid: RayGrid) -> int:
@@ -189,6 +210,6 @@ def edge_ends(grid: RayGrid, mesh: Mesh, edges: MeshEdges) -> tuple[Array, Array
 
 
 __all__ = [
-    "Encode", "Int", "coverage_depth", "coverage_planes", "default_room", "edge_ends", "pairs_of", "plain_depth",
+    "Encode", "coverage_depth", "coverage_planes", "default_room", "edge_ends", "pairs_of", "plain_depth",
     "powers", "rays_beside", "segments_on", "towards_source",
 ]  # fmt: skip

@@ -115,9 +115,10 @@ def _drawn(
 ) -> Float[Array, "rows cols"]:
     """The picture, with a gradient through the ends of every line."""
     seen_mesh, seen_edges = (mesh, edges) if shown is None else shown
-    line, pairs = borders.line, borders.pairs
-    # Pairs that part nothing take harmless lines.
-    falls = line.falls & borders.counts
+    line, pieces = borders.line, borders.pieces
+    counts = pieces.case > 0
+    # Pieces that part nothing take harmless lines.
+    falls = line.falls & counts
     kept = jnp.where(falls, line.edge, 0), line.begin, line.end, jnp.where(falls, line.face, 0)
     space = space_of(light, mesh, seen_mesh)
     *fallen, _, _ = fallen_ends(mesh, edges, seen_mesh, space, view, type(line)(line.falls, *kept))
@@ -125,10 +126,9 @@ def _drawn(
     zeros = jnp.zeros_like(line.begin)
     *seen, _ = segments_on(view, *(on_edge(seen_mesh, seen_edges, edge, zeros + at) for at in (0.0, 1.0)))
     start, end = (jnp.where(falls[:, None], *both) for both in zip(fallen, seen, strict=True))
-    flat = blend(
-        borders.base.reshape(1, -1), borders.left[None], borders.right[None], start, end, pairs, borders.counts,
-        view.num_cols,
-    )  # fmt: skip
+    left = (pieces.case == 1).astype(line.begin.dtype)[None]
+    piece = pieces.cell, pieces.first, pieces.last, counts
+    flat = blend(borders.base.reshape(1, -1), left, 1 - left, start, end, piece, view.num_cols)
     picture = flat.reshape(borders.base.shape)
     # Borders that are not followed may leave a little too much or too little: cut from the value, not from its slope.
     return picture + lax.stop_gradient(jnp.clip(picture, 0.0, 1.0) - picture)
