@@ -1,4 +1,4 @@
-"""Straight segments over a grid of cells: which cells each crosses, and the exact area of a cell that lies beyond it."""
+"""Straight segments over a grid: which cells each crosses, and the exact area of a cell that lies beyond it."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -232,7 +232,7 @@ def blend(
     dtype = base.dtype
     centre = jnp.stack([cell % num_cols, cell // num_cols], axis=-1).astype(dtype) + 0.5
     area = area_beyond(start, end, first, last, centre)
-    # Which side of a piece through the centre the centre belongs to is up to rounding: take the side that the area took.
+    # Rounding decides on which side of a piece through it the centre lies: take the side that the area took.
     change = lax.stop_gradient(end - start)
     a, b = (lax.stop_gradient(start) + at[:, None] * change - centre for at in (first, last))
     turn, length = _cross(a, b), jnp.sqrt(jnp.sum((b - a) ** 2, axis=-1))

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from shadowjax._types import Array, Float, Int
-from shadowjax.rays._edge_cells import BESIDE, Crossings, map_present, places_beside, room
+from shadowjax.rays._edge_cells import BESIDE, Crossings, map_present, places_beside
 
 # How close to its ends a piece is looked at, in distances of the places beside it.
 INSET = 4.0
@@ -16,8 +16,8 @@ INSET = 4.0
 HALVINGS = 20
 # One piece in so many may change on its way; where there are more, the rest change in their middle.
 CHANGING = 8
-# Pieces halved together.
-CHUNK = 512
+# Pieces looked at together: bounds memory.
+CHUNK = 1024
 
 # Grid positions left and right of a line, which places count, and the line → a number that tells cases apart (0: it
 # parts nothing), and what is found there.
@@ -44,7 +44,7 @@ class Pieces(NamedTuple):
 
 
 def settle(
-    pairs: Crossings, start: Float[Array, "segments 2"], end: Float[Array, "segments 2"], probe: Probe, chunk: int
+    pairs: Crossings, start: Float[Array, "segments 2"], end: Float[Array, "segments 2"], probe: Probe
 ) -> Pieces:
     """Look at both ends of every piece; where they differ, halve it until the place of the change is known.
 
@@ -54,60 +54,59 @@ def settle(
         pairs: Lines and the cells they cross.
         start, end: Of all lines.
         probe: Tells what lies beside a line.
-        chunk: Pairs looked at together.
     """
-    start, end = start[pairs.segment], end[pairs.segment]
+    capacity = pairs.segment.shape[0]
+    pairs, ends = lax.optimization_barrier((pairs, (start[pairs.segment], end[pairs.segment])))
+    length = jnp.sqrt(jnp.sum((ends[1] - ends[0]) ** 2, axis=-1))
+    away = INSET * BESIDE * float(jnp.finfo(length.dtype).eps) ** 0.5
+    inset = jnp.minimum(away / jnp.where(length > 0, length, 1.0), 0.25 * (pairs.last - pairs.first))
 
-    def look(lines: tuple, ats: list[Array]) -> list[tuple[Array, Any]]:
-        exists, segment, start, end = lines
-        beside = [places_beside(start, end, at) for at in ats]
-        left, right = (jnp.concatenate(side) for side in zip(*beside, strict=True))
-        case, found = probe(left, right, jnp.tile(exists, len(ats)), jnp.tile(segment, len(ats)))
-        parts = jax.tree.map(lambda x: jnp.split(x, len(ats)), (case, found), is_leaf=lambda x: isinstance(x, Array))
-        return [jax.tree.map(lambda x: x[k], parts, is_leaf=lambda x: isinstance(x, list)) for k in range(len(ats))]
+    def look(part: tuple) -> Any:
+        exists, segment, start, end, at = part
+        case, found = probe(*places_beside(start, end, at), exists, segment)
+        return jnp.where(exists, case, 0), found
 
-    def both_ends(part: tuple) -> Any:
-        *lines, first, last = part
-        length = jnp.sqrt(jnp.sum((lines[3] - lines[2]) ** 2, axis=-1))
-        away = INSET * BESIDE * float(jnp.finfo(length.dtype).eps) ** 0.5
-        inset = jnp.minimum(away / jnp.where(length > 0, length, 1.0), 0.25 * (last - first))
-        return look(tuple(lines), [first + inset, last - inset])
+    # One loop for all looks, so that what casts rays is compiled once: first ends, last ends, then halvings.
+    lines = (pairs.present, pairs.segment, *ends)
+    shapes = jax.eval_shape(look, (*lines, inset))
+    nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+    listed = jnp.arange(capacity, dtype=jnp.int32)
+    state = (jnp.int32(0), nothing, nothing, listed, pairs.count, pairs.first + inset, pairs.last - inset)
 
-    lines = (pairs.present, pairs.segment, start, end)
-    (case, found), (other_case, other_found) = map_present(
-        both_ends, (*lines, pairs.first, pairs.last), pairs.count, chunk
-    )
-    case, other_case = (jnp.where(pairs.present, x, 0) for x in (case, other_case))
-    differs = case != other_case
-    spare, size = room(max(CHUNK, case.shape[0] // CHANGING), CHUNK)
-    many = jnp.sum(differs, dtype=jnp.int32)
-    index = jnp.nonzero(differs, size=spare, fill_value=0)[0].astype(jnp.int32)
-    valid = jnp.arange(spare, dtype=jnp.int32) < many
+    def go_on(state: tuple) -> Array:
+        step, *_, count, _, _ = state
+        return (step < 2) | ((step < 2 + HALVINGS) & (count > 0))
 
-    def halve(part: tuple) -> Array:
-        *lines, low, high, case = part
+    def turn(state: tuple) -> tuple:
+        step, one, other, listed, count, low, high = state
+        at = jnp.where(step == 0, low, jnp.where(step == 1, high, 0.5 * (low + high)))
+        here = jax.tree.map(lambda x: x[listed], lines)
+        seen = map_present(look, (*here, at), count, min(CHUNK, capacity))
 
-        def step(_: Array, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
-            low, high = bounds
-            middle = 0.5 * (low + high)
-            ((found_case, _),) = look(tuple(lines), [middle])
-            same = found_case == case
-            return jnp.where(same, middle, low), jnp.where(same, high, middle)
+        def keep_one() -> tuple:
+            return seen, other, listed, count, low, high
 
-        low, high = lax.fori_loop(0, HALVINGS, step, (low, high))
-        return 0.5 * (low + high)
+        def keep_other() -> tuple:
+            differs = one[0] != seen[0]
+            index = jnp.nonzero(differs, size=capacity, fill_value=0)[0].astype(jnp.int32)
+            return one, seen, index, jnp.sum(differs, dtype=jnp.int32), low[index], high[index]
 
-    listed = jax.tree.map(lambda x: x[index], (*lines, pairs.first, pairs.last, case))
-    change = map_present(halve, (listed[0] & valid, *listed[1:]), jnp.minimum(many, spare), size)
-    middle = 0.5 * (pairs.first + pairs.last)
-    # Those beyond the room change nowhere near: their first half is taken for the whole.
-    last = jnp.where(differs, middle, pairs.last)
-    last = last.at[jnp.where(valid, index, case.shape[0])].set(change, mode="drop")
+        def halve() -> tuple:
+            same = seen[0] == one[0][listed]
+            return one, other, listed, count, jnp.where(same, at, low), jnp.where(same, high, at)
+
+        return step + 1, *lax.switch(jnp.minimum(step, 2), (keep_one, keep_other, halve))
+
+    _, (case, found), (other_case, other_found), index, many, low, high = lax.while_loop(go_on, turn, state)
+    spare = max(min(CHUNK, capacity), capacity // CHANGING)
+    index, valid = index[:spare], jnp.arange(spare, dtype=jnp.int32) < many
+    change = 0.5 * (low + high)[:spare]
+    # Those beyond the room change in their middle.
+    last = jnp.where(case == other_case, pairs.last, 0.5 * (pairs.first + pairs.last))
+    last = last.at[jnp.where(valid, index, capacity)].set(change, mode="drop")
+    kept = (pairs.segment, pairs.cell, pairs.first, last, case)
     rest = (pairs.segment[index], pairs.cell[index], change, pairs.last[index], jnp.where(valid, other_case[index], 0))
     return Pieces(
-        *(
-            jnp.concatenate(pair)
-            for pair in zip((pairs.segment, pairs.cell, pairs.first, last, case), rest, strict=True)
-        ),
+        *(jnp.concatenate(both) for both in zip(kept, rest, strict=True)),
         jax.tree.map(lambda a, b: jnp.concatenate([a, b[index]]), found, other_found),
     )

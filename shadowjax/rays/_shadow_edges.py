@@ -1,4 +1,4 @@
-"""The search behind a shadow picture: every line across which visibility jumps in a view, and by how much; no gradient."""
+"""The search behind a shadow picture: every line across which visibility jumps in a view; no gradient."""
 
 from typing import Any, NamedTuple
 
@@ -117,7 +117,7 @@ def find_borders(
         points = rays.at(jnp.where(seen, hit.depth, jnp.zeros_like(hit.depth)))
         normals = seen_mesh.face_normals()[jnp.where(seen, hit.face, 0)]
         normals = jnp.where((dot(normals, rays.directions) > 0)[..., None], -normals, normals)
-        value = shadows.visible(mesh, space, points, normals)
+        value = shadows.visible(mesh, space, *lax.optimization_barrier((points, normals)))
         return jnp.where(seen, value, jnp.ones_like(value)).astype(points.dtype)
 
     base = lit(eye.closest_on_grid(seen_mesh, view), view.rays())
@@ -126,12 +126,15 @@ def find_borders(
         _fallen_lines(mesh, edges, seen_mesh, space, view, shadows, None if shown is None else eye, max_pairs),
     )
     (start, end, present), line = jax.tree.map(lambda *both: jnp.concatenate(both), *parts)
-    pairs, chunk = pairs_of(start, end, present, view, max_pairs)
+    # One copy in memory: otherwise every use computes the lines again, and takes as long to compile.
+    start, end, present, line = lax.optimization_barrier((start, end, present, line))
+    pairs = pairs_of(start, end, present, view, max_pairs)
 
     def probe(left: Array, right: Array, exists: Array, segment: Array) -> tuple[Array, tuple[()]]:
         # Both sides in one cast: half the code to compile.
         rays = rays_beside(view, jnp.concatenate([left, right]), jnp.concatenate([exists, exists]))
-        hit = eye.closest(seen_mesh, rays)
+        rays = lax.optimization_barrier(rays)
+        hit = lax.optimization_barrier(eye.closest(seen_mesh, rays))
         faces, depths, values = (jnp.split(x, 2) for x in (hit.face, hit.depth, lit(hit, rays)))
         nearer = jnp.where(depths[0] <= depths[1], *faces)
         brighter = jnp.where(values[0] >= values[1], *faces)
@@ -140,7 +143,7 @@ def find_borders(
         case = jnp.where(values[0] > values[1], 1, jnp.where(values[0] < values[1], 2, 0))
         return jnp.where(own, case, 0).astype(jnp.int32), ()
 
-    pieces = settle(pairs, start, end, probe, chunk)
+    pieces = settle(pairs, start, end, probe)
     return Borders(base, pieces, jax.tree.map(lambda x: x[pieces.segment], line))
 
 
@@ -194,7 +197,7 @@ def _fallen_lines(
 
     probes = [on_edge(mesh, edges, edge, begin + at * (end - begin)) for at in PROBES]
     places = [probe + side for probe in probes for side in (across, -across)]
-    found = map_present(search, (present, *places), total, chunk)
+    found = map_present(search, lax.optimization_barrier((present, *places)), total, chunk)
     near_face, near, face, depth = (x.reshape(-1, len(PROBES), 2) for x in found)
     # The light passes on the side where the mesh is farther; what it meets there receives the shadow.
     passes = jnp.argmax(near, axis=-1, keepdims=True)
@@ -202,12 +205,8 @@ def _fallen_lines(
     def pick(values: Any, side: Any) -> Any:
         return jnp.take_along_axis(values, side, axis=-1)[..., 0]
 
-    face, depth, near_face, near = (
-        pick(face, passes),
-        pick(depth, passes),
-        pick(near_face, 1 - passes),
-        pick(near, 1 - passes),
-    )
+    face, depth = pick(face, passes), pick(depth, passes)
+    near_face, near = pick(near_face, 1 - passes), pick(near, 1 - passes)
     gap = 8 * ASIDE * jnp.finfo(size.dtype).eps * size
     falls = present[:, None] & edges.touch(jnp.stack([edge, edge], -1), near_face) & (face >= 0) & (depth > near + gap)
     # A piece that falls on one face is drawn once.

@@ -1,4 +1,4 @@
-"""Edge-aware depth: means over texels where the outline of the nearest layer crosses them, so that it has a gradient."""
+"""Edge-aware depth: means over texels that the outline of the nearest layer crosses, which have a gradient."""
 
 from collections.abc import Callable
 
@@ -91,7 +91,7 @@ def _find_pieces(mesh: Mesh, edges: MeshEdges, grid: RayGrid, caster: Caster, ma
     """Pieces of the outline of the nearest layer, with the triangle on either side."""
     start, end, inside = edge_ends(grid, mesh, edges)
     seen = inside & outline(mesh, edges, towards_source(grid.space, mesh.vertices[edges.vertices[:, 0]]))
-    pairs, chunk = pairs_of(start, end, seen, grid, max_pairs)
+    pairs = pairs_of(start, end, seen, grid, max_pairs)
     caster = caster.prepared(mesh)
 
     def probe(left: Array, right: Array, exists: Array, segment: Array) -> tuple[Array, tuple[Array, Array]]:
@@ -101,7 +101,7 @@ def _find_pieces(mesh: Mesh, edges: MeshEdges, grid: RayGrid, caster: Caster, ma
         nearer = jnp.where(depths[0] < depths[1], *faces)
         return edges.touch(segment, nearer).astype(jnp.int32), tuple(faces)
 
-    return settle(pairs, start, end, probe, chunk)
+    return settle(pairs, start, end, probe)
 
 
 @eqx.filter_jit
@@ -148,14 +148,12 @@ def pairs_of(
     present: Bool[Array, "segments"],
     grid: RayGrid,
     max_pairs: int | None,
-) -> tuple[Crossings, int]:
-    """Segments with the cells they cross, checked for room, and the chunk to work on them with."""
+) -> Crossings:
+    """Segments with the cells they cross, checked for room."""
     wanted = default_room(grid) if max_pairs is None else require_int(max_pairs, "max_pairs", 1)
-    capacity, chunk = room(wanted, CHUNK)
+    capacity, _ = room(wanted, CHUNK)
     pairs = crossings(start, end, present, (grid.num_rows, grid.num_cols), capacity)
-    return eqx.error_if(
-        pairs, pairs.count > capacity, f"outlines cross more than {capacity} cells; raise max_pairs"
-    ), chunk
+    return eqx.error_if(pairs, pairs.count > capacity, f"outlines cross more than {capacity} cells; raise max_pairs")
 
 
 def default_room(grid: RayGrid) -> int:
