@@ -75,10 +75,24 @@ def outline(mesh: Mesh, edges: MeshEdges, towards: Float[Array, "edges 3"]) -> B
         edges: From `mesh_edges`.
         towards: From the first end of each edge to the place, any length.
     """
+    one, two = _sides(mesh, edges, towards)
+    return edges.always | (one * two >= 0)
+
+
+def free_side(mesh: Mesh, edges: MeshEdges, towards: Float[Array, "edges 3"]) -> Float[Array, "edges"]:
+    """On which side of an edge of an outline no face lies: 1 along (end − start) × towards, −1 against it.
+
+    Of edges with more than two faces two are asked.
+    """
+    one, two = _sides(mesh, edges, towards)
+    both = one + jnp.where(edges.faces[:, 1] == OPEN, one, two)
+    return jnp.where(both > 0, -jnp.ones_like(both), jnp.ones_like(both))
+
+
+def _sides(mesh: Mesh, edges: MeshEdges, towards: Float[Array, "edges 3"]) -> list[Float[Array, "edges"]]:
     start, end = (mesh.vertices[edges.vertices[:, k]] for k in range(2))
     across = jnp.cross(end - start, towards)
-    sides = [_side(mesh, edges.faces[:, k], start, across) for k in range(2)]
-    return edges.always | (sides[0] * sides[1] >= 0)
+    return [_side(mesh, edges.faces[:, k], start, across) for k in range(2)]
 
 
 def _side(mesh: Mesh, face: Int[Array, "edges"], start: Points, across: Points) -> Float[Array, "edges"]:

@@ -10,6 +10,8 @@ from jax import lax
 from shadowjax._types import Array, Float, Int
 from shadowjax.rays._edge_cells import BESIDE, Crossings, map_present, places_beside
 
+# Parts of a piece that are looked at apart: a part that changes and changes back is not noticed.
+PARTS = 3
 # How close to its ends a piece is looked at, in distances of the places beside it.
 INSET = 4.0
 # Halvings that find where a piece changes.
@@ -46,7 +48,7 @@ class Pieces(NamedTuple):
 def settle(
     pairs: Crossings, start: Float[Array, "segments 2"], end: Float[Array, "segments 2"], probe: Probe
 ) -> Pieces:
-    """Look at both ends of every piece; where they differ, halve it until the place of the change is known.
+    """Look at both ends of every part of a piece; where they differ, halve it until the place of the change is known.
 
     Lines end behind others, or pass from one surface to the next, anywhere within a cell.
 
@@ -55,6 +57,7 @@ def settle(
         start, end: Of all lines.
         probe: Tells what lies beside a line.
     """
+    pairs = _in_parts(pairs)
     capacity = pairs.segment.shape[0]
     pairs, ends = lax.optimization_barrier((pairs, (start[pairs.segment], end[pairs.segment])))
     length = jnp.sqrt(jnp.sum((ends[1] - ends[0]) ** 2, axis=-1))
@@ -109,4 +112,15 @@ def settle(
     return Pieces(
         *(jnp.concatenate(both) for both in zip(kept, rest, strict=True)),
         jax.tree.map(lambda a, b: jnp.concatenate([a, b[index]]), found, other_found),
+    )
+
+
+def _in_parts(pairs: Crossings) -> Crossings:
+    """Every piece cut into equal parts, in order."""
+    segment, cell, first, last, present = (jnp.repeat(part, PARTS) for part in pairs[:5])
+    at = jnp.arange(PARTS + 1, dtype=first.dtype) / PARTS
+    low = jnp.tile(at[:-1], first.shape[0] // PARTS)
+    high = jnp.tile(at[1:], first.shape[0] // PARTS)
+    return Crossings(
+        segment, cell, first + low * (last - first), first + high * (last - first), present, PARTS * pairs.count
     )

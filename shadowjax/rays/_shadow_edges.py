@@ -1,6 +1,6 @@
 """The search behind a shadow picture: every line across which visibility jumps in a view; no gradient."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -12,7 +12,7 @@ from shadowjax._numerics import dot, norm, normalize, safe_divide
 from shadowjax._types import Array, Bool, Float, Int, Points, Scalar, Vector3
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.geometry.outlines import MeshEdges, outline
+from shadowjax.geometry.outlines import MeshEdges, free_side, outline
 from shadowjax.rays._edge_cells import map_present, room, spread
 from shadowjax.rays._edge_pieces import Pieces, settle
 from shadowjax.rays.caster import Caster
@@ -23,8 +23,6 @@ from shadowjax.rays.ray_grid import RayGrid
 
 # Pieces of a shadow's edge for each cell of the view, if the view shows just the scene.
 PIECES = 1.0
-# Where along a piece it is asked what the shadow falls on: close to its ends.
-PROBES = (0.02, 0.98)
 # How far beside an edge the light's rays look, in roundings of the scene's size.
 ASIDE = 1024.0
 
@@ -123,7 +121,7 @@ def find_borders(
     base = lit(eye.closest_on_grid(seen_mesh, view), view.rays())
     parts = (
         _seen_lines(seen_mesh, seen_edges, space, view),
-        _fallen_lines(mesh, edges, seen_mesh, space, view, shadows, None if shown is None else eye, max_pairs),
+        _fallen_lines(mesh, edges, seen_mesh, space, view, eye, max_pairs),
     )
     (start, end, present), line = jax.tree.map(lambda *both: jnp.concatenate(both), *parts)
     # One copy in memory: otherwise every use computes the lines again, and takes as long to compile.
@@ -164,8 +162,7 @@ def _fallen_lines(
     shown: Mesh,
     space: LightSpace,
     view: RayGrid,
-    shadows: Caster,
-    eye: Caster | None,
+    eye: Caster,
     max_pairs: int | None,
 ) -> tuple[tuple, Line]:
     """The light's outlines in short pieces, carried onto the planes of the faces behind the ends of each."""
@@ -183,32 +180,21 @@ def _fallen_lines(
     begin, end = (piece.astype(size.dtype) / share, (piece + 1).astype(size.dtype) / share)
     middle = on_edge(mesh, edges, edge, 0.5 * (begin + end))
     across = normalize(jnp.cross(second[edge] - first[edge], towards_source(space, middle)))
-    across = across * (ASIDE * jnp.finfo(size.dtype).eps * size)
+    aside = ASIDE * jnp.finfo(size.dtype).eps * size
+    across = across * (aside * free_side(mesh, edges, towards_source(space, first))[edge])[:, None]
     far = farthest(space, lower, upper)
 
     def search(part: tuple) -> tuple[Array, ...]:
         exists, *places = part
-        origins, directions = space.ray(space.project(jnp.concatenate(places))[0])
+        plane, depth = space.project(jnp.concatenate(places))
         limit = jnp.where(jnp.tile(exists, len(places)), far, -jnp.ones_like(far))
-        rays = Rays(origins, directions, jnp.zeros_like(far), limit)
-        hit = shadows.closest(mesh, rays)
-        behind = hit if eye is None else eye.closest(shown, rays)
-        return tuple(jnp.stack(jnp.split(x, len(places)), -1) for x in (hit.face, hit.depth, behind.face, behind.depth))
+        # Only what lies behind the edge can receive its shadow; whether light gets there is asked later.
+        return tuple(jnp.split(eye.closest(shown, Rays(*space.ray(plane), depth + 8 * aside, limit)).face, len(places)))
 
-    probes = [on_edge(mesh, edges, edge, begin + at * (end - begin)) for at in PROBES]
-    places = [probe + side for probe in probes for side in (across, -across)]
-    found = map_present(search, lax.optimization_barrier((present, *places)), total, chunk)
-    near_face, near, face, depth = (x.reshape(-1, len(PROBES), 2) for x in found)
-    # The light passes on the side where the mesh is farther; what it meets there receives the shadow.
-    passes = jnp.argmax(near, axis=-1, keepdims=True)
-
-    def pick(values: Any, side: Any) -> Any:
-        return jnp.take_along_axis(values, side, axis=-1)[..., 0]
-
-    face, depth = pick(face, passes), pick(depth, passes)
-    near_face, near = pick(near_face, 1 - passes), pick(near, 1 - passes)
-    gap = 8 * ASIDE * jnp.finfo(size.dtype).eps * size
-    falls = present[:, None] & edges.touch(jnp.stack([edge, edge], -1), near_face) & (face >= 0) & (depth > near + gap)
+    inset = float(jnp.finfo(size.dtype).eps) ** 0.5
+    probes = [on_edge(mesh, edges, edge, begin + at * (end - begin)) + across for at in (inset, 1 - inset)]
+    face = jnp.stack(map_present(search, lax.optimization_barrier((present, *probes)), total, chunk), axis=-1)
+    falls = present[:, None] & (face >= 0)
     # A piece that falls on one face is drawn once.
     falls = falls.at[:, 1].set(falls[:, 1] & ~(falls[:, 0] & (face[:, 0] == face[:, 1])))
     edge, begin, end = (jnp.concatenate([x, x]) for x in (edge, begin, end))

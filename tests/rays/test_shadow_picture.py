@@ -9,11 +9,12 @@ from pictures import (
     tetrahedron, two_plates,
 )  # fmt: skip
 
-from shadowjax import BruteForce, Mesh, PointLight, RayGrid, shadow_picture
+from shadowjax import BruteForce, Mesh, PointLight, RayGrid
 from shadowjax.geometry.scenes.closed_forms import project
 from shadowjax.geometry.scenes.shadow_moments import (
     convex_shadow_moments, polygon_moments, sphere_shadow_moments, union_moments,
 )  # fmt: skip
+from shadowjax.rays.coverage import pairs_of
 from shadowjax.rays.light_space import light_space
 
 FULL = jnp.ones((ROWS, COLS))
@@ -141,6 +142,6 @@ def quads_of(corners):
 
 
 def test_room_that_is_too_small_is_refused():
-    mesh, edges = random_triangles(0)
+    ends = jnp.zeros((4, 2)), jnp.full((4, 2), 30.0)
     with pytest.raises(Exception, match="raise max_pairs"):
-        shadow_picture(mesh, edges, LIGHT, VIEW, receiver=RECEIVER, max_pairs=16).block_until_ready()
+        pairs_of(*ends, jnp.ones(4, bool), VIEW, 16).count.block_until_ready()
