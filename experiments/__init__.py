@@ -11,6 +11,7 @@ from experiments import (
     filtering_table_4_2,
     filtering_tables_4_1_and_4_3,
     filtering_xcsm_is_not_csm,
+    gradients_shadow_edges,
     mdsm_cost_5_6_to_5_8,
     mdsm_fig_4_1,
     mdsm_fig_5_2,
@@ -60,6 +61,7 @@ EXPERIMENTS: dict[str, Experiment] = {
     "bias_acne_and_gap": bias_acne_and_gap,
     "filtering_tables_4_1_and_4_3": filtering_tables_4_1_and_4_3,
     "filtering_fig_4_3": filtering_fig_4_3,
+    "gradients_shadow_edges": gradients_shadow_edges,
 }
 
 
