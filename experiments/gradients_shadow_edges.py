@@ -10,7 +10,6 @@ Left: the sphere's shadow. Middle: how each pixel changes when the sphere moves 
 Right: the error of every case.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,23 +20,11 @@ from matplotlib.figure import Figure
 
 from experiments.base import Claim
 from experiments.claiming import at_most
-from shadowjax import Mesh, MeshEdges, PointLight, RayGrid, Receiver, mesh_edges, plane_receiver, shadow_picture
+from experiments.gradient_scenes import LOWER, UPPER, Closed, Stage, random_triangles, size_of
+from shadowjax import PointLight
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array
-from shadowjax.geometry.scenes.closed_forms import ReceivingPlane, project
-from shadowjax.geometry.scenes.plate_over_plane import PlateOverPlane
-from shadowjax.geometry.scenes.shadow_moments import convex_shadow_moments, polygon_moments, union_moments
-from shadowjax.geometry.scenes.sphere_over_plane import SphereOverPlane
-from shadowjax.geometry.scenes.two_plates import TwoPlates
 from shadowjax.plotting import PALETTE, label, new_figure, styled
-from shadowjax.rays.brute import BruteForce
-from shadowjax.rays.grid import Grid
-from shadowjax.rays.light_space import light_space
-
-LOWER, UPPER = (-3.2, -3.0), (2.6, 3.1)
-LAMP = (0.9, 4.1, -0.4)
-TETRAHEDRON = [(0.5, 0.8, 0.1), (-0.6, 0.9, 0.7), (-0.2, 0.7, -0.8), (-0.1, 1.6, 0.05)]
-TETRAHEDRON_FACES = [[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]]
 
 
 @dataclass(frozen=True)
@@ -92,76 +79,6 @@ class Result:
     slope: np.ndarray
 
 
-@dataclass(frozen=True)
-class _Stage:
-    """Receiver, view and light that all scenes share, with the plane's own coordinates."""
-
-    plane: ReceivingPlane
-    receiver: Receiver
-    view: RayGrid
-    light: PointLight
-    cell: float
-
-    def summed(self, weights: Array, mesh: Mesh, edges: MeshEdges) -> Callable[[Array, Array], Array]:
-        """The dark part of the picture times weights, from vertices and the light's position."""
-        return lambda vertices, position: jnp.sum(weights * (1 - self.picture(vertices, position, mesh, edges)))
-
-    def picture(self, vertices: Array, position: Array, mesh: Mesh, edges: MeshEdges) -> Array:
-        """The shadow picture."""
-        moved = Mesh(vertices, mesh.faces, mesh.face_colors)
-        caster = BruteForce() if mesh.num_faces <= 256 else Grid()
-        lamp = PointLight(position, self.light.color)
-        return shadow_picture(moved, edges, lamp, self.view, caster, self.receiver)
-
-
-def _stage(resolution: int) -> _Stage:
-    plane = ReceivingPlane.horizontal(jnp.asarray(0.0, jnp.float64))
-    lower, upper = (jnp.asarray(corner, jnp.float64) for corner in (LOWER, UPPER))
-    receiver, view = plane_receiver(plane.origin, plane.axis_u, plane.axis_v, lower, upper, (resolution, resolution))
-    light = PointLight.create(LAMP, dtype=jnp.float64)
-    return _Stage(plane, receiver, view, light, float(jnp.prod(upper - lower)) / resolution**2)
-
-
-def _quads(corners: Array) -> Mesh:
-    corners = corners.reshape(-1, 4, 3)
-    faces = np.array([[0, 1, 2], [0, 2, 3]])[None] + 4 * np.arange(len(corners))[:, None, None]
-    return Mesh.create(np.asarray(corners).reshape(-1, 3), faces.reshape(-1, 3), dtype=jnp.float64)
-
-
-def _closed_scenes(stage: _Stage, frequency: int) -> dict[str, tuple[Mesh, Callable[[Array, PointLight], Array]]]:
-    """Meshes, and the area of the shadow of each."""
-    ball = SphereOverPlane(frequency=frequency).ball()
-    faces = {"tetrahedron": np.array(TETRAHEDRON_FACES), "sphere": np.asarray(ball.faces)}
-
-    def convex(name: str) -> Callable[[Array, PointLight], Array]:
-        return lambda vertices, light: convex_shadow_moments(vertices[faces[name]], light, stage.plane).area
-
-    def polygon(vertices: Array, light: PointLight) -> Array:
-        return polygon_moments(project(vertices, light, stage.plane)).area
-
-    def union(vertices: Array, light: PointLight) -> Array:
-        return union_moments(project(vertices.reshape(2, 4, 3), light, stage.plane)).area
-
-    two = TwoPlates(upper_x=0.4, upper_z=0.35)
-    solid = Mesh.create(np.array(TETRAHEDRON), faces["tetrahedron"], dtype=jnp.float64)
-    round_ = Mesh.create(np.asarray(ball.vertices, float), faces["sphere"], dtype=jnp.float64)
-    return {
-        "plate": (_quads(PlateOverPlane().corners()), polygon),
-        "two plates": (_quads(two.corners()), union),
-        "tetrahedron": (solid, convex("tetrahedron")),
-        "sphere": (round_, convex("sphere")),
-    }
-
-
-def _random_triangles(seed: int, count: int) -> Mesh:
-    """Triangles in layers: they hide one another and none crosses another."""
-    rng = np.random.default_rng(seed)
-    height = np.linspace(0.4, 1.9, count)[:, None]
-    middle = np.concatenate([rng.uniform(-1, 0.8, (count, 1)), height, rng.uniform(-1, 1, (count, 1))], axis=1)
-    corners = middle[:, None] + rng.uniform(-1, 1, (count, 3, 3)) * [0.9, 0.6 / count, 0.9]
-    return Mesh.create(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), dtype=jnp.float64)
-
-
 def run(config: Config) -> Result:
     """Closed forms, then random scenes; in double precision."""
     with jax.enable_x64(True):
@@ -169,33 +86,32 @@ def run(config: Config) -> Result:
 
 
 def _run(config: Config) -> Result:
-    stage = _stage(config.resolution)
+    stage = Stage.create(config.resolution)
     full = jnp.full((config.resolution, config.resolution), stage.cell)
-    scenes = _closed_scenes(stage, config.frequency)
+    scenes = stage.closed_scenes(config.frequency)
     area, gradient, modes = [], [], []
     rng = np.random.default_rng(0)
-    for mesh, closed in scenes.values():
+    for mesh, edges, closed in scenes.values():
         at = mesh.vertices, stage.light.position
-        function = stage.summed(full, mesh, mesh_edges(mesh))
+        function = stage.summed(full, mesh, edges)
 
-        def exact(vertices: Array, position: Array, closed: Callable = closed) -> Array:
-            return closed(vertices, PointLight(position, stage.light.color))
+        def exact(vertices: Array, position: Array, closed: Closed = closed) -> Array:
+            return closed(vertices, PointLight(position, stage.light.color)).area
 
         value, found = jax.value_and_grad(function, (0, 1))(*at)
         truth, wanted = jax.jit(jax.value_and_grad(exact, (0, 1)))(*at)
         area.append(abs(float(value / truth) - 1))
-        gradient.append(
-            max(float(jnp.max(jnp.abs(a - b)) / jnp.max(jnp.abs(b))) for a, b in zip(found, wanted, strict=True))
-        )
+        errors = [jnp.max(jnp.abs(a - b)) / jnp.max(jnp.abs(b)) for a, b in zip(found, wanted, strict=True)]
+        gradient.append(max(map(float, errors)))
         change = tuple(jnp.asarray(rng.normal(size=part.shape)) for part in at)
         forward = float(jax.jvp(function, at, change)[1])
         paired = sum(float(jnp.sum(a * b)) for a, b in zip(found, change, strict=True))
         modes.append(abs(forward / paired - 1))
-    ball, _ = scenes["sphere"]
+    ball, edges, _ = scenes["sphere"]
     width = (UPPER[0] - LOWER[0]) / config.resolution
-    along = jnp.broadcast_to(jnp.asarray([width, 0.0, 0.0]), ball.vertices.shape)
-    seen = mesh_edges(ball)
-    picture, slope = jax.jvp(lambda v: stage.picture(v, stage.light.position, ball, seen), (ball.vertices,), (along,))
+    change = jnp.broadcast_to(jnp.asarray([width, 0.0, 0.0]), ball.vertices.shape), jnp.zeros(3)
+    at = ball.vertices, stage.light.position
+    picture, slope = jax.jvp(lambda v, p: stage.picture(v, p, ball, edges), at, change)
     differences = [_against_differences(stage, config, seed) for seed in range(config.num_seeds)]
     return Result(
         tuple(scenes), np.array(area), np.array(gradient), np.array(modes), np.array(differences), np.asarray(picture),
@@ -203,31 +119,19 @@ def _run(config: Config) -> Result:
     )  # fmt: skip
 
 
-@jax.jit
-def _dark(vertices: Array, faces: Array, weights: Array, stage_parts: tuple[Any, Array]) -> Array:
-    """Weights times darkness, summed over sampled places."""
-    space, points = stage_parts
-    lit = Grid().visible(Mesh(vertices, faces, jnp.ones((faces.shape[0], 3))), space, points)
-    return jnp.sum(weights * (1 - lit.astype(weights.dtype)))
-
-
-def _against_differences(stage: _Stage, config: Config, seed: int) -> float:
+def _against_differences(stage: Stage, config: Config, seed: int) -> float:
     """Relative error of the slope of an image loss as the whole scene moves."""
-    fine, size = config.samples_per_axis, config.resolution
-    mesh = _random_triangles(seed, config.num_triangles)
-    edges = mesh_edges(mesh)
-    grid = RayGrid(stage.view.space, stage.view.plane_map, stage.view.far, size * fine, size * fine)
-    spots = stage.view.plane_map.inverse(grid.centres())
+    mesh, edges = random_triangles(seed, config.num_triangles, size_of(config.frequency))
+    spots = stage.fine_spots(config.samples_per_axis)
     weights = jnp.sin(1.3 * spots[..., 0] + 0.4)
-    pixels = jnp.mean(weights.reshape(size, fine, size, fine), axis=(1, 3))
     change = jnp.asarray(np.random.default_rng(seed).normal(size=3))
-    slope = jax.grad(stage.summed(pixels, mesh, edges), 0)(mesh.vertices, stage.light.position)
-    space = light_space(stage.light, jnp.asarray([1.0, 0.0, 0.0]), *stage.receiver.mesh.bounds())
-    parts = (space, stage.plane.to_world(spots))
+    loss = stage.summed(stage.in_pixels(weights), mesh, edges)
+    slope = jax.grad(loss, (0, 1))(mesh.vertices, stage.light.position)[0]
     low, high = (
-        float(_dark(mesh.vertices + sign * config.step * change, mesh.faces, weights, parts)) for sign in (-1.0, 1.0)
+        jnp.sum(weights * (1 - stage.sampled(mesh.vertices + sign * config.step * change, mesh, spots)))
+        for sign in (-1.0, 1.0)
     )
-    expected = (high - low) / (2 * config.step) / fine**2
+    expected = float(high - low) / (2 * config.step) / config.samples_per_axis**2
     return abs(float(jnp.sum(slope @ change)) / expected - 1)
 
 
@@ -266,11 +170,13 @@ def draw(result: Result) -> Figure:
     left, middle, right = axes[0]
     extent = (LOWER[0], UPPER[0], UPPER[1], LOWER[1])
     left.imshow(result.picture, cmap="gray", vmin=0, vmax=1, extent=extent)
-    label(left, "u (m)", "v (m)", "Shadow picture of a sphere: visibility")
+    left.grid(False)
+    label(left, "u (m)", "v (m)", "Visibility: a sphere's shadow")
     most = float(np.abs(result.slope).max())
     shown = middle.imshow(result.slope, cmap="RdBu", vmin=-most, vmax=most, extent=extent)
     figure.colorbar(shown, ax=middle, shrink=0.8, label="change per pixel moved")
-    label(middle, "u (m)", "v (m)", "Its derivative as the sphere moves along u")
+    label(middle, "u (m)", "v (m)", "Derivative by u of the sphere")
+    middle.grid(False)
     places = np.arange(len(result.names))
     floor = 1e-16
     right.plot(np.maximum(result.area, floor), places, "o", color=PALETTE[0], label="area")
@@ -282,6 +188,6 @@ def draw(result: Result) -> Figure:
     right.set_yticks([*places, len(places)], [*result.names, "random"])
     right.axvline(1e-6, color="#1d2330", linewidth=0.8)
     right.axvline(0.05, color="#1d2330", linewidth=0.8, linestyle=":")
-    right.legend(loc="lower center", fontsize=8)
-    label(right, "relative error", "", "Against closed forms, and sampled differences")
+    right.legend(loc="center", fontsize=8)
+    label(right, "relative error", "", "Errors of the derivative")
     return figure
