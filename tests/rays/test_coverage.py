@@ -4,11 +4,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from shapes import above, lights, plate_over_plane
+from shapes import plate_over_plane
 
-from shadowjax import Mesh, coverage_planes, mesh_edges, plane_receiver
-from shadowjax.partitions.whole import Whole
-from shadowjax.rays.coverage import powers
+from shadowjax import Mesh, RayGrid, coverage_planes, mesh_edges, plane_receiver
+from shadowjax.rays.coverage import edge_ends, powers
+from shadowjax.rays.light_space import OctahedralSpace
+from shadowjax.rays.plane_map import Box
 
 SIZE = 16
 UP, U, V = (jnp.asarray(axis) for axis in ([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]))
@@ -56,6 +57,8 @@ def depths_of_powers():
 
 
 def test_a_map_bent_by_a_point_light_is_refused():
-    grid = Whole().grids(MESH, lights()["point"], above(), 8)[0]
+    bent = RayGrid(
+        OctahedralSpace(jnp.asarray([0.0, 4.0, 0.0])), Box(-jnp.ones(2), jnp.ones(2)), jnp.asarray(9.0), 4, 4
+    )
     with pytest.raises(ValueError, match="keep lines straight"):
-        coverage_planes(MESH, EDGES, grid)
+        edge_ends(bent, MESH, EDGES)
