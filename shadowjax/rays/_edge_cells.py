@@ -14,7 +14,7 @@ BESIDE = 32.0
 
 
 class Crossings(NamedTuple):
-    """Pairs of a segment and a cell that it crosses, in the order of segments; the first `count` are pairs.
+    """Pairs of a segment and a cell that it crosses, in the order of segments; the first `num` take room.
 
     Attributes:
         segment: Index of the segment.
@@ -22,7 +22,7 @@ class Crossings(NamedTuple):
         first: Where the segment enters the cell, as part of its length.
         last: Where it leaves.
         present: Whether the pair is one. Each column that a segment crosses has room for two cells.
-        count: Room that all pairs take; more than there is where it overflows.
+        num: Room that all pairs take; more than there is where it overflows.
     """
 
     segment: Int[Array, "n"]
@@ -30,7 +30,7 @@ class Crossings(NamedTuple):
     first: Float[Array, "n"]
     last: Float[Array, "n"]
     present: Bool[Array, "n"]
-    count: Int[Array, ""]
+    num: Int[Array, ""]
 
 
 def crossings(

@@ -74,7 +74,7 @@ def settle(
     shapes = jax.eval_shape(look, (*lines, inset))
     nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
     listed = jnp.arange(capacity, dtype=jnp.int32)
-    state = (jnp.int32(0), nothing, nothing, listed, pairs.count, pairs.first + inset, pairs.last - inset)
+    state = (jnp.int32(0), nothing, nothing, listed, pairs.num, pairs.first + inset, pairs.last - inset)
 
     def go_on(state: tuple) -> Array:
         step, *_, count, _, _ = state
@@ -109,10 +109,9 @@ def settle(
     last = last.at[jnp.where(valid, index, capacity)].set(change, mode="drop")
     kept = (pairs.segment, pairs.cell, pairs.first, last, case)
     rest = (pairs.segment[index], pairs.cell[index], change, pairs.last[index], jnp.where(valid, other_case[index], 0))
-    return Pieces(
-        *(jnp.concatenate(both) for both in zip(kept, rest, strict=True)),
-        jax.tree.map(lambda a, b: jnp.concatenate([a, b[index]]), found, other_found),
-    )
+    segment, cell, first, last, case = (jnp.concatenate(both) for both in zip(kept, rest, strict=True))
+    found = jax.tree.map(lambda a, b: jnp.concatenate([a, b[index]]), found, other_found)
+    return Pieces(segment, cell, first, last, case, found)
 
 
 def _in_parts(pairs: Crossings) -> Crossings:
@@ -122,5 +121,5 @@ def _in_parts(pairs: Crossings) -> Crossings:
     low = jnp.tile(at[:-1], first.shape[0] // PARTS)
     high = jnp.tile(at[1:], first.shape[0] // PARTS)
     return Crossings(
-        segment, cell, first + low * (last - first), first + high * (last - first), present, PARTS * pairs.count
+        segment, cell, first + low * (last - first), first + high * (last - first), present, PARTS * pairs.num
     )

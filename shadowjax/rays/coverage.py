@@ -94,7 +94,7 @@ def _find_pieces(mesh: Mesh, edges: MeshEdges, grid: RayGrid, caster: Caster, ma
     pairs = pairs_of(start, end, seen, grid, max_pairs)
     caster = caster.prepared(mesh)
 
-    def probe(left: Array, right: Array, exists: Array, segment: Array) -> tuple[Array, tuple[Array, Array]]:
+    def probe(left: Array, right: Array, exists: Array, segment: Array) -> tuple[Array, tuple[Array, ...]]:
         rays = rays_beside(grid, jnp.concatenate([left, right]), jnp.concatenate([exists, exists]))
         hit = caster.closest(mesh, rays)
         faces, depths = jnp.split(hit.face, 2), jnp.split(hit.depth, 2)
@@ -153,7 +153,7 @@ def pairs_of(
     wanted = default_room(grid) if max_pairs is None else require_int(max_pairs, "max_pairs", 1)
     capacity, _ = room(wanted, CHUNK)
     pairs = crossings(start, end, present, (grid.num_rows, grid.num_cols), capacity)
-    return eqx.error_if(pairs, pairs.count > capacity, f"outlines cross more than {capacity} cells; raise max_pairs")
+    return eqx.error_if(pairs, pairs.num > capacity, f"outlines cross more than {capacity} cells; raise max_pairs")
 
 
 def default_room(grid: RayGrid) -> int:

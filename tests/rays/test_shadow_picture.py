@@ -97,7 +97,7 @@ def test_a_camera_sees_the_dark_side_of_a_plate_and_its_shadow():
         jax.jit(jax.value_and_grad(closed, (0, 1, 2)))(*at),
     )
     np.testing.assert_allclose(value, truth, rtol=1e-6)
-    assert 20 < float(truth) < 0.4 * rows * cols
+    assert 8 < float(truth) < 0.4 * rows * cols
     # The ground's own vertices tilt what receives the shadow; the closed form knows a level plane only.
     for one, other in zip((found[0][:4], *found[1:]), (expected[0][:4], *expected[1:]), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-6 * float(jnp.max(jnp.abs(other))))
@@ -125,6 +125,6 @@ def test_nothing_to_see_and_degenerate_input_keep_gradients_finite():
 
 
 def test_room_that_is_too_small_is_refused():
-    count = jax.jit(lambda start, end: pairs_of(start, end, jnp.ones(4, bool), VIEW, 16).count)
+    count = jax.jit(lambda start, end: pairs_of(start, end, jnp.ones(4, bool), VIEW, 16).num)
     with pytest.raises(Exception, match="raise max_pairs"):
         count(jnp.zeros((4, 2)), jnp.full((4, 2), 30.0)).block_until_ready()
