@@ -99,8 +99,10 @@ def test_a_camera_sees_the_dark_side_of_a_plate_and_its_shadow():
     np.testing.assert_allclose(value, truth, rtol=1e-6)
     assert 8 < float(truth) < 0.4 * rows * cols
     # The ground's own vertices tilt what receives the shadow; the closed form knows a level plane only.
+    # The shadow passes from one of the ground's triangles to the other. Where, is known to the distance beside the edge
+    # at which it is looked for, 5e-7 pixels; the edge moves there at some ten pixels a unit.
     for one, other in zip((found[0][:4], *found[1:]), (expected[0][:4], *expected[1:]), strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-6 * float(jnp.max(jnp.abs(other))))
+        np.testing.assert_allclose(one, other, atol=1e-5 * float(jnp.max(jnp.abs(other))))
 
 
 def test_a_tessellated_sphere_nears_the_true_one():
