@@ -45,7 +45,7 @@ class Config:
     num_triangles: int = 12
     samples_per_axis: int = 6
     step: float = 0.02
-    frequency: int = 12
+    frequency: int = 4
 
     def __post_init__(self):
         require_int(self.resolution, "resolution", 8)
