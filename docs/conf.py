@@ -28,6 +28,7 @@ extensions = [
     "drawn_math",
     "rooms",
     "ledger_tables",
+    "capability_table",
     "command_options",
 ]
 exclude_patterns = ["_build", "_ext", "_measured", "_static", "**/.ipynb_checkpoints"]

@@ -11,6 +11,7 @@ from experiments import (
     filtering_table_4_2,
     filtering_tables_4_1_and_4_3,
     filtering_xcsm_is_not_csm,
+    gradients_shadow_edges,
     mdsm_cost_5_6_to_5_8,
     mdsm_fig_4_1,
     mdsm_fig_5_2,
@@ -66,6 +67,7 @@ EXPERIMENTS: dict[str, Experiment] = {
     "stencil_figs_5_to_8": stencil_figs_5_to_8,
     "stencil_tables": stencil_tables,
     "stencil_bsp_balance": stencil_bsp_balance,
+    "gradients_shadow_edges": gradients_shadow_edges,
 }
 
 

@@ -33,6 +33,7 @@ from shadowjax.filters.variance import Variance
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, PointLight, SpotLight
 from shadowjax.geometry.mesh import Mesh, load
+from shadowjax.geometry.outlines import MeshEdges, mesh_edges
 from shadowjax.geometry.scenes import SCENES, Scene
 from shadowjax.geometry.scenes import make as make_scene
 from shadowjax.maps.shadow_map import ShadowMap, build_shadow_map
@@ -42,8 +43,10 @@ from shadowjax.partitions.registry import PARTITIONS, make_partition
 from shadowjax.partitions.whole import Whole
 from shadowjax.partitions.z_split import ZSplit
 from shadowjax.rays.brute import BruteForce
+from shadowjax.rays.coverage import coverage_depth, coverage_planes
 from shadowjax.rays.ray import Hit, Rays, intersect
 from shadowjax.rays.ray_grid import RayGrid, camera_grid
+from shadowjax.rays.shadow_picture import Receiver, plane_receiver, shadow_picture
 from shadowjax.shading import Material, shade, trace_surface, visibility_on
 from shadowjax.techniques import TECHNIQUES, Exact, ShadowMapping, make_technique
 from shadowjax.volume_technique import JitteredLights, ShadowVolumes
@@ -80,6 +83,7 @@ __all__ = [
     "Material",
     "MeanDepthConvolution",
     "Mesh",
+    "MeshEdges",
     "Moments",
     "MultiDepth",
     "Neighbourhood",
@@ -90,6 +94,7 @@ __all__ = [
     "PropagatedNeighbours",
     "RayGrid",
     "Rays",
+    "Receiver",
     "Ring",
     "Scene",
     "ShadowMap",
@@ -109,17 +114,22 @@ __all__ = [
     "camera_grid",
     "cast",
     "composite_attenuation",
+    "coverage_depth",
+    "coverage_planes",
     "intersect",
     "load",
     "make_partition",
     "make_scene",
     "make_technique",
     "max_neighbour",
+    "mesh_edges",
     "min_max_neighbours",
     "min_neighbour",
     "percentage_closer",
+    "plane_receiver",
     "ring",
     "shade",
+    "shadow_picture",
     "trace_surface",
     "visibility_on",
 ]

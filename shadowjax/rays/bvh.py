@@ -96,6 +96,12 @@ class BoundingVolumeHierarchy(Caster):
             _fit_tree(_checked(self.tree, mesh).links, lax.stop_gradient(mesh)), self.ray_chunk
         )
 
+    def prepared(self, mesh: Mesh) -> "BoundingVolumeHierarchy":
+        """With a tree, built on the host in every call where the mesh is traced; no gradient passes through it."""
+        if self.tree is not None:
+            return self.refit(mesh)
+        return BoundingVolumeHierarchy(lax.stop_gradient(_remembered_tree(lax.stop_gradient(mesh))), self.ray_chunk)
+
     def closest(self, mesh: Mesh, rays: Rays) -> Hit:
         """First hit of each ray; ties go to the lowest triangle index.
 

@@ -37,6 +37,11 @@ class Caster(eqx.Module):
         """Depth alone of every ray of a grid; casters that can find it faster override this."""
         return self.closest_on_grid(mesh, grid).depth
 
+    def prepared(self, mesh: Mesh) -> "Caster":
+        """A caster for many casts of one mesh: the same one, or one that holds what it would build in every cast."""
+        del mesh
+        return self
+
     def prefers_images(self, space: LightSpace) -> bool:
         """Whether `visible` is faster for points of an image, (rows, cols, 3), than for a list of them."""
         del space

@@ -74,6 +74,10 @@ class Grid(Caster):
             return hit.depth, hit.face
         return _depth_and_face(mesh, _unwrapped(grid))
 
+    def prepared(self, mesh: Mesh) -> "Grid":
+        """With a caster for other rays that has built its tree, if it needs one."""
+        return Grid(self._others(mesh).prepared(mesh))
+
     def prefers_images(self, space: LightSpace) -> bool:
         """True for spaces whose points are sorted: many at once, since all triangles are drawn for them."""
         return is_projective(space)

@@ -46,7 +46,7 @@ def signed_distance(polygon: Polygon, positions: Points2) -> Float[Array, "*poin
     return jnp.where(contains(polygon, positions), -distance, distance)
 
 
-def _outer_pieces(polygons: Float[Array, "shapes corners 2"]) -> tuple[Array, Array, Array]:
+def outer_pieces(polygons: Float[Array, "shapes corners 2"]) -> tuple[Array, Array, Array]:
     """Start, vector and presence of the pieces of all edges that bound the union of convex polygons.
 
     Every edge is cut where it enters and leaves each other polygon (Cyrus and Beck's clip); a piece bounds the union
@@ -88,7 +88,7 @@ def union_signed_distance(polygons: Float[Array, "shapes corners 2"], positions:
 
     No two polygons may share a stretch of an edge.
     """
-    start, along, present = _outer_pieces(polygons)
+    start, along, present = outer_pieces(polygons)
     distances = _distance_to_segments(positions, start, along)
     distance = jnp.min(jnp.where(present, distances, jnp.finfo(distances.dtype).max), axis=-1)
     return jnp.where(union_contains(polygons, positions), -distance, distance)
@@ -96,5 +96,5 @@ def union_signed_distance(polygons: Float[Array, "shapes corners 2"], positions:
 
 def union_area(polygons: Float[Array, "shapes corners 2"]) -> Scalar:
     """Area of the union of convex polygons in square metres, by Green's theorem around its edge."""
-    start, along, present = _outer_pieces(polygons)
+    start, along, present = outer_pieces(polygons)
     return 0.5 * jnp.sum(jnp.where(present, _cross(start, along), 0.0))
