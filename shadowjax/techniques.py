@@ -1,7 +1,6 @@
 """Techniques, each `build(mesh, light, camera)` then `visibility(points, normals)`; and the registry of named ones."""
 
 import difflib
-from abc import abstractmethod
 from collections.abc import Callable
 from typing import Any
 
@@ -12,6 +11,7 @@ import jax.numpy as jnp
 from shadowjax._checks import require, require_choice, require_int
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Float, Points
+from shadowjax.adaptive import AdaptiveShadowMapping
 from shadowjax.filters.base import Filter, Lookup
 from shadowjax.filters.bias import Bias, BiasRule, plane_gradient, texel_size
 from shadowjax.filters.bias_kinds import BiasSum, ReceiverPlane
@@ -37,42 +37,7 @@ from shadowjax.rays.caster import SURFACE_ROUNDINGS, Caster
 from shadowjax.rays.layers import LAYERS
 from shadowjax.rays.light_space import DirectionalSpace, LightSpace, light_space
 from shadowjax.rays.ray_grid import RayGrid, pixel_footprint
-
-
-class Shadows(eqx.Module):
-    """What a technique has built for one light: it answers for any point."""
-
-    @abstractmethod
-    def visibility(self, points: Points, normals: Points) -> Float[Array, "*points"]:
-        """Fraction of the light that reaches each point, in [0, 1]: 1 lit, 0 in shadow.
-
-        Args:
-            points: World points on surfaces.
-            normals: Unit normals of the side that is looked at; a side that faces away from the light is dark.
-        """
-
-    @property
-    @abstractmethod
-    def map_bytes(self) -> int:
-        """Bytes of all stored planes."""
-
-    @property
-    def prefers_images(self) -> bool:
-        """Whether `visibility` is faster for points of an image, (rows, cols, 3), than for a list of them."""
-        return False
-
-
-class Technique(eqx.Module):
-    """A way to answer "how much of the light arrives here?"."""
-
-    @abstractmethod
-    def build(self, mesh: Mesh, light: Light, camera: Camera) -> Shadows:
-        """Do the work that does not depend on receivers."""
-
-    @property
-    @abstractmethod
-    def num_tones(self) -> int | None:
-        """Upper bound on distinct visibilities; None where they are a continuum."""
+from shadowjax.technique_base import Shadows, Technique
 
 
 class ShadowMapping(Technique):
@@ -308,9 +273,18 @@ def _exact(resolution: int = 512, caster: Caster | None = None) -> Technique:
     return Exact(BruteForce() if caster is None else caster)
 
 
+def _adaptive(resolution: int = 512, caster: Caster | None = None, **options: Any) -> Technique:
+    # As many bytes as a plain map of that resolution has, but never less than a few of the smallest tiles.
+    size = min(16, max(4, 1 << max(0, resolution.bit_length() - 4)))
+    caster = BruteForce() if caster is None else caster
+    chosen = {"budget_bytes": max(4 * resolution**2, 1024), "tile_size": size, **options}
+    return AdaptiveShadowMapping(caster=caster, **chosen)
+
+
 TECHNIQUES: dict[str, Callable[..., Technique]] = {
     "exact": _exact,
     "hard": _mapping(Hard),
+    "asm": _adaptive,
     "pcf-2x2": _mapping(lambda: PercentageCloser(2)),
     "pcf-3x3": _mapping(lambda: PercentageCloser(3)),
     "pcf-4x4": _mapping(lambda: PercentageCloser(4)),
