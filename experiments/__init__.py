@@ -3,6 +3,9 @@
 import difflib
 
 from experiments import (
+    asm_error_against_memory,
+    asm_tests,
+    asm_walkthrough,
     bias_acne_and_gap,
     filtering_fig_2_7,
     filtering_fig_4_3,
@@ -60,6 +63,9 @@ EXPERIMENTS: dict[str, Experiment] = {
     "bias_acne_and_gap": bias_acne_and_gap,
     "filtering_tables_4_1_and_4_3": filtering_tables_4_1_and_4_3,
     "filtering_fig_4_3": filtering_fig_4_3,
+    "asm_error_against_memory": asm_error_against_memory,
+    "asm_tests": asm_tests,
+    "asm_walkthrough": asm_walkthrough,
 }
 
 

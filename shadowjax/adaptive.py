@@ -34,7 +34,8 @@ STEEPEST = 1000.0
 class AdaptiveShadowMapping(Technique):
     """Adaptive shadow maps: a quadtree of small maps, finest where the camera sees shadow edges closely.
 
-    Pixels at a depth discontinuity of the map ask for texels that are a share of themselves. Tiles are cast in the order of benefit over cost until no pixel asks for more or memory is full; then coarser tiles answer for the least
+    Pixels at a depth discontinuity of the map ask for texels that are a share of themselves. Tiles are cast in the
+    order of benefit over cost until no pixel asks for more or memory is full; then coarser tiles answer for the least
     worthy edges. Refinement runs on the host; what it leaves is read under `jit`.
 
     Attributes:
@@ -258,9 +259,10 @@ class AdaptiveShadows(Shadows):
         asked = [np.asarray(part) for part in asked]
         place, slot, level, needed, edge = (part[np.asarray(view.counts)] for part in asked)
         store = self.map.store.used(slot)
-        edge_parts = (part[edge] for part in (place, slot, level, needed))
-        texels = self.map.tile_size**2
-        found = wishes(*edge_parts, technique.levels_per_step, texels, technique.per_texel, technique.fixed)
+        found = wishes(
+            place[edge], slot[edge], level[edge], needed[edge], technique.levels_per_step, self.map.tile_size**2,
+            technique.per_texel, technique.fixed,
+        )  # fmt: skip
         found = view.settled(found)
         placed = store.place(found.keys[:most], found.benefit[:most])
         map_ = eqx.tree_at(lambda m: m.store, self.map, placed.store)
@@ -283,6 +285,10 @@ class AdaptiveShadows(Shadows):
             if step.num_cast == 0:
                 break
         return shadows, tuple(steps)
+
+    def square_of(self, view: View) -> Float[Array, "pixels 2"]:
+        """Where the pixels of a view read, (s, t) of the unit square."""
+        return _square_of(self.map, view.points)
 
     def recast(self, mesh: Mesh) -> "AdaptiveShadows":
         """The same tiles of a moved mesh, under jit too; differentiable in its vertices at this structure.
@@ -319,6 +325,11 @@ def _seen(
     inside = jnp.all((square >= 0) & (square <= 1), axis=-1)
     facing = dot(normals, grid.space.to_source(points)) > 0
     return points, normals, hit.is_hit.reshape(-1) & facing & inside, view
+
+
+@eqx.filter_jit
+def _square_of(map_: AdaptiveMap, points: Points) -> Float[Array, "*points 2"]:
+    return map_.grid.locate(points)[0] / map_.tile_size
 
 
 def placed_on(

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from shadowjax._checks import require, require_int
-from shadowjax._types import Array, Bool, Float, Int, Points, UInt
+from shadowjax._types import Array, Bool, Float, Int, UInt
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.partitions.page_table import PageTable
 from shadowjax.partitions.tile_store import EMPTY, TileStore, slots_in
@@ -170,8 +170,8 @@ def empty_map(
     slots = slots_in(require_int(budget_bytes, "budget_bytes", 1), size * size, texel_bytes)
     require(
         slots > 0,
-        f"a budget of {budget_bytes} bytes holds no tile of {size} × {size} texels of {texel_bytes} bytes with its page "
-        "table: raise budget_bytes or lower tile_size",
+        f"a budget of {budget_bytes} bytes holds no tile of {size} × {size} texels of {texel_bytes} bytes with its "
+        "page table: raise budget_bytes or lower tile_size",
     )
     if base_level is None:
         base_level = min(finest_level, max(0, (max(1, slots // 4).bit_length() - 1) // 2))

@@ -39,7 +39,7 @@ def singular_values(matrix: Float[Array, "*points 2 2"]) -> tuple[Span, Span]:
 
 
 def narrowest(view: RayGrid, grid: RayGrid, points: Points, normals: Points) -> Span:
-    """Texels across a pixel's footprint in the direction in which it is shortest: no direction is coarser than asked."""
+    """Texels across a pixel's footprint where it is shortest: no direction is coarser than asked."""
     return singular_values(pixel_footprint(view, grid, points, normals))[1]
 
 

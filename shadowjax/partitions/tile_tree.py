@@ -1,4 +1,4 @@
-"""Tiles of a quadtree over the unit square of a light's map: keys, places on the Z-order curve, and the rays of each."""
+"""Tiles of a quadtree over a light's unit square: keys, places on the Z-order curve, and the rays of each."""
 
 from typing import Any
 
@@ -69,8 +69,8 @@ def tile_grid(grid: RayGrid, key: Int[Array, "3"]) -> RayGrid:
     """The rays of one tile: as many as the whole grid has, over the tile's part of it.
 
     Args:
-        grid: The map of level 0. Its plane map must keep the sides of the square straight and evenly divided, as uniform
-            maps do.
+        grid: The map of level 0. Its plane map must keep the sides of the square straight and evenly divided, as
+            uniform maps do.
         key: Level, x and y.
     """
     size = 1 / (jnp.ones((), jnp.int32) << key[0]).astype(grid.far.dtype)
