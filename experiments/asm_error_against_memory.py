@@ -11,6 +11,7 @@ the resolution of the uniform map that is as good as each budget, beside the map
 finest tiles are the texels across a uniform map of the finest texels that the budget came to hold.
 """
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,8 +52,9 @@ class Config:
     def __post_init__(self):
         check_view(self.scene, self.num_triangles, self.height)
         for values, name in ((self.resolutions, "resolutions"), (self.budgets_kib, "budgets_kib")):
-            require(len(values) > 1 and tuple(sorted(set(values))) == values, f"{name} must be two or more that rise")
-            require_int(values[0], name, 1)
+            rises = len(values) > 1 and all(b > a for a, b in itertools.pairwise(values))
+            require(rises, f"{name} must be two or more that rise; got {values}")
+            require_int(min(values), name, 1)
         largest = 4 * self.resolutions[-1] ** 2 / (KIB * self.budgets_kib[-1])
         require(
             1 <= self.factor <= largest,

@@ -20,7 +20,7 @@ from matplotlib.ticker import MaxNLocator
 
 from experiments.adaptive_views import KIB, Stage, check_view
 from experiments.base import Claim
-from experiments.claiming import all_true, at_most
+from experiments.claiming import at_most
 from shadowjax._checks import require, require_int
 from shadowjax.plotting import PALETTE, label, new_figure, styled
 
@@ -143,7 +143,7 @@ def run(config: Config) -> Result:
                 len(read),
                 sum(key in held_keys for key in read),
                 shadows.map_bytes,
-            )  # fmt: skip
+            )
         )
     return Result(config, tuple(frames))
 
