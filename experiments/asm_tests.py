@@ -27,6 +27,7 @@ from shadowjax._checks import require, require_int
 from shadowjax.adaptive import TESTS, AdaptiveShadows
 from shadowjax.filters.bias import Bias
 from shadowjax.plotting import PALETTE, label, new_figure, styled
+from shadowjax.plotting.style import legend_below
 
 SAME_MEMORY = "depth, same memory"
 
@@ -133,5 +134,5 @@ def draw(result: Result) -> Figure:
         spot.set_xscale("symlog", linthresh=0.125, base=2)
         spot.set_yscale("log")
         label(spot, "slope bias, texels", "pixels, %", title)
-    axes[0, 2].legend(loc="upper center")
+    legend_below(figure, axes[0, 1], columns=4)
     return figure

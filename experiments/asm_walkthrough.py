@@ -195,9 +195,10 @@ def draw(result: Result) -> Figure:
     kept, read = result.of("kept"), result.of("read")
     right.bar(frame, kept, color=PALETTE[0], width=0.85, label="read, were there")
     right.bar(frame, read - kept, bottom=kept, color=PALETTE[1], width=0.85, label="read, newly cast")
+    right.set_ylim(0, 1.3 * read.max())
     label(right, "frame", "tiles", f"Tiles in {result.config.budget_kib} KiB")
     for spot in (left, right):
         spot.axvline(result.config.num_frames - 0.5, color="#4d4d4d", linestyle="--", linewidth=1.0)
         spot.xaxis.set_major_locator(MaxNLocator(integer=True))
-        spot.legend(loc="upper right" if spot is left else "lower right")
+        spot.legend(loc="upper right", frameon=True, framealpha=1.0, edgecolor="none")
     return figure
