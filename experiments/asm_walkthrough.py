@@ -48,10 +48,10 @@ class Config:
     budget_kib: int = 1024
     texels_per_pixel: float = 4.0
     num_frames: int = 24
-    num_still: int = 8
+    num_still: int = 20
     stride: float = 0.25
-    steps_per_frame: int = 2
-    tiles_per_step: int = 128
+    steps_per_frame: int = 1
+    tiles_per_step: int = 32
 
     def __post_init__(self):
         check_view(self.scene, self.num_triangles, self.height)
