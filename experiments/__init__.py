@@ -3,6 +3,9 @@
 import difflib
 
 from experiments import (
+    asm_error_against_memory,
+    asm_tests,
+    asm_walkthrough,
     bias_acne_and_gap,
     filtering_fig_2_7,
     filtering_fig_4_3,
@@ -68,6 +71,9 @@ EXPERIMENTS: dict[str, Experiment] = {
     "stencil_tables": stencil_tables,
     "stencil_bsp_balance": stencil_bsp_balance,
     "gradients_shadow_edges": gradients_shadow_edges,
+    "asm_error_against_memory": asm_error_against_memory,
+    "asm_tests": asm_tests,
+    "asm_walkthrough": asm_walkthrough,
 }
 
 

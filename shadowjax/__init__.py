@@ -1,6 +1,7 @@
 """shadowjax: a differentiable, analytical reference for shadow maps on JAX."""
 
 from shadowjax._types import cast
+from shadowjax.adaptive import AdaptiveShadowMapping
 from shadowjax.filters.bias import Bias
 from shadowjax.filters.brabec_seidel import PropagatedNeighbours, Supersampled
 from shadowjax.filters.convolution import Convolution, FourierStep, MeanDepthConvolution
@@ -61,6 +62,7 @@ __all__ = [
     "PARTITIONS",
     "SCENES",
     "TECHNIQUES",
+    "AdaptiveShadowMapping",
     "Bias",
     "BilinearPercentageCloser",
     "BruteForce",

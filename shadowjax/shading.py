@@ -115,12 +115,13 @@ def visibility_on(surface: Surface, shadows: Shadows) -> Float[Array, "rows cols
     Works in chunks, so that memory stays bounded for large images: bands of rows for techniques that prefer images,
     else lists.
     """
+    receivers = (surface.points, surface.normals, surface.face)
     if shadows.prefers_images:
         rows = max(1, IMAGE_CHUNK // max(1, surface.face.shape[1]))
-        value = map_in_chunks(lambda band: shadows.visibility(*band), (surface.points, surface.normals), rows)
+        value = map_in_chunks(lambda band: shadows.visibility_of(*band), receivers, rows)
         return jnp.where(surface.is_seen, value, 1.0)
-    flat = (surface.points.reshape(-1, 3), surface.normals.reshape(-1, 3))
-    value = map_in_chunks(lambda chunk: shadows.visibility(*chunk), flat, RECEIVER_CHUNK)
+    flat = (surface.points.reshape(-1, 3), surface.normals.reshape(-1, 3), surface.face.reshape(-1))
+    value = map_in_chunks(lambda chunk: shadows.visibility_of(*chunk), flat, RECEIVER_CHUNK)
     return jnp.where(surface.is_seen, value.reshape(surface.face.shape), 1.0)
 
 

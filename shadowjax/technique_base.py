@@ -4,7 +4,7 @@ from abc import abstractmethod
 
 import equinox as eqx
 
-from shadowjax._types import Array, Float, Points
+from shadowjax._types import Array, Float, Int, Points
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
@@ -21,6 +21,17 @@ class Shadows(eqx.Module):
             points: World points on surfaces.
             normals: Unit normals of the side that is looked at; a side that faces away from the light is dark.
         """
+
+    def visibility_of(self, points: Points, normals: Points, faces: Int[Array, "*points"]) -> Float[Array, "*points"]:
+        """As `visibility`, for points whose triangle is known; techniques that compare surfaces look at it.
+
+        Args:
+            points: World points on surfaces.
+            normals: Unit normals of the side that is looked at.
+            faces: Triangle that each point lies on; −1 for points on none.
+        """
+        del faces
+        return self.visibility(points, normals)
 
     @property
     @abstractmethod

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from shadowjax._checks import require, require_choice, require_int
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Float, Points
+from shadowjax.adaptive import AdaptiveShadowMapping
 from shadowjax.filters.base import Filter, Lookup
 from shadowjax.filters.bias import Bias, BiasRule, plane_gradient, texel_size
 from shadowjax.filters.bias_kinds import BiasSum, ReceiverPlane
@@ -283,9 +284,18 @@ def _volumes(resolution: int = 512, caster: Caster | None = None, **options: Any
     return ShadowVolumes(**options)
 
 
+def _adaptive(resolution: int = 512, caster: Caster | None = None, **options: Any) -> Technique:
+    # As many bytes as a plain map of that resolution has, but never less than a few of the smallest tiles.
+    size = min(16, max(4, 1 << max(0, resolution.bit_length() - 4)))
+    caster = BruteForce() if caster is None else caster
+    chosen = {"budget_bytes": max(4 * resolution**2, 1024), "tile_size": size, **options}
+    return AdaptiveShadowMapping(caster=caster, **chosen)
+
+
 TECHNIQUES: dict[str, Callable[..., Technique]] = {
     "exact": _exact,
     "hard": _mapping(Hard),
+    "asm": _adaptive,
     "pcf-2x2": _mapping(lambda: PercentageCloser(2)),
     "pcf-3x3": _mapping(lambda: PercentageCloser(3)),
     "pcf-4x4": _mapping(lambda: PercentageCloser(4)),

@@ -34,7 +34,8 @@ def floor_points(dtype, num=48, reach=3.0):
 
 def compares(name):
     """Whether a technique's visibility is a mean of tests, so exact away from edges."""
-    return name in EXACT or make_technique(name).filter.compares
+    technique = make_technique(name)
+    return not isinstance(technique, ShadowMapping) or technique.filter.compares
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +79,13 @@ def test_far_from_the_edge_every_technique_is_exact(built, name):
     technique = make_technique(name)
     if name in EXACT:
         band = 1e-9
+    elif name == "asm":
+        # Its coarsest texels answer for what the camera does not see.
+        grid, reach = built[name].map.grid, 0.5
+        across, down = (vector / 2 for vector in grid.cell_vectors(points))
+        carried = [v - light.direction * (v[:, 1:2] / light.direction[1]) for v in (across, down)]
+        band = float(reach * jnp.max(sum(jnp.abs(v) for v in carried)))
+        assert int(built[name].map.store.keys[0, 0]) == 1
     else:
         grid = built[name].maps[0].grid
         across, down = grid.cell_vectors(points)

@@ -1,0 +1,98 @@
+"""A built-in scene under adaptive and uniform maps: what the camera sees, the exact shadow, and pixels that differ."""
+
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from scipy import ndimage
+
+from shadowjax._checks import require, require_choice, require_int
+from shadowjax.adaptive import AdaptiveShadowMapping, AdaptiveShadows
+from shadowjax.analysis import compare
+from shadowjax.geometry import scenes
+from shadowjax.geometry.camera import Camera
+from shadowjax.rays.grid import Grid
+from shadowjax.shading import visibility_on
+from shadowjax.technique_base import Shadows
+from shadowjax.techniques import ShadowMapping
+
+KIB = 1024
+# Pixels on both sides of an exact shadow's edge that count as near it.
+NEAR = 2
+
+
+def check_view(scene: str, num_triangles: int, height: int) -> None:
+    """Complain about a view that cannot be made."""
+    require_choice(scene, "scene", scenes.SCENES)
+    require_int(num_triangles, "num_triangles", 1)
+    require_int(height, "height", 24)
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """Pixels whose answer is not the exact one.
+
+    Attributes:
+        near: Within two pixels of an exact shadow's edge.
+        lit: Lit and should not be, anywhere.
+        dark: Dark and should not be, anywhere.
+    """
+
+    near: int
+    lit: int
+    dark: int
+
+    @property
+    def total(self) -> int:
+        """All of them."""
+        return self.lit + self.dark
+
+
+class Stage:
+    """A scene, a camera and the exact shadow of what it sees; float32, as the maps.
+
+    Attributes:
+        scene: With its camera.
+        view: Surface, valid receivers, exact visibility.
+        near: Valid pixels near an edge of the exact shadow.
+    """
+
+    def __init__(self, scene: str, num_triangles: int, height: int, camera: Camera | None = None) -> None:
+        made = scenes.make(scene, num_triangles, dtype=jnp.float32)
+        self.scene = made if camera is None else eqx.tree_at(lambda one: one.camera, made, camera)
+        self.height = height
+        width = round(height * float(self.scene.camera.aspect))
+        self.view = compare.look(self.scene, width, height, Grid())
+        self.valid, self.exact = np.asarray(self.view.valid), np.asarray(self.view.exact)
+        darkest = ndimage.minimum_filter(np.where(self.valid, self.exact, 1), 2 * NEAR + 1)
+        brightest = ndimage.maximum_filter(np.where(self.valid, self.exact, 0), 2 * NEAR + 1)
+        self.near = self.valid & (brightest > 0.5) & (darkest < 0.5)
+
+    def picture(self, shadows: Shadows) -> np.ndarray:
+        """Visibility of every pixel."""
+        return np.asarray(visibility_on(self.view.surface, shadows))
+
+    def wrong(self, shadows: Shadows) -> Wrong:
+        """Count the pixels that differ from the exact shadow."""
+        found = self.picture(shadows)
+        lit, dark = (self.valid & (found > self.exact), self.valid & (found < self.exact))
+        return Wrong(int(((lit | dark) & self.near).sum()), int(lit.sum()), int(dark.sum()))
+
+    def uniform(self, resolution: int) -> Wrong:
+        """The hard test on one uniform map."""
+        technique = ShadowMapping(resolution=resolution, caster=Grid())
+        return self.wrong(technique.build(self.scene.mesh, self.scene.lights[0], self.scene.camera))
+
+    def technique(self, budget_kib: int, **options) -> AdaptiveShadowMapping:
+        """An adaptive map that looks at the very pixels of this view."""
+        require(budget_kib > 0, f"a budget must be positive; got {budget_kib} KiB")
+        return AdaptiveShadowMapping(KIB * budget_kib, num_rows=self.height, caster=Grid(), **options)
+
+    def adaptive(self, budget_kib: int, **options) -> AdaptiveShadows:
+        """An adaptive map of this view."""
+        made = self.technique(budget_kib, **options)
+        return made.build(self.scene.mesh, self.scene.lights[0], self.scene.camera)
+
+
+__all__ = ["KIB", "NEAR", "Stage", "Wrong", "check_view"]
