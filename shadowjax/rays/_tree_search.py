@@ -56,7 +56,9 @@ def fit(tree: Links, mesh: Mesh) -> Fitted:
         one, two = (lax.dynamic_slice(boxes, (child, zero), (1, 6)) for child in (node + 1, tree.second[i]))
         return lax.dynamic_update_slice(boxes, jnp.minimum(one, two), (node, zero))
 
-    boxes = lax.fori_loop(jnp.int32(0), jnp.int32(tree.inner.shape[0]), join, boxes)
+    # A few triangles are one leaf; a loop over no rows cannot even be traced.
+    if tree.inner.shape[0]:
+        boxes = lax.fori_loop(jnp.int32(0), jnp.int32(tree.inner.shape[0]), join, boxes)
     return Fitted(corners.reshape(-1, 9), boxes)
 
 

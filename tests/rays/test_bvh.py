@@ -5,7 +5,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from shapes import bumpy_sphere, random_soup
+from grids import closest
+from shapes import bumpy_sphere, plate_over_plane, random_soup
 
 from shadowjax import BruteForce, Mesh, Rays
 from shadowjax.rays._tree_build import LEAF_SIZE, build_topology
@@ -190,6 +191,13 @@ def test_gradients_and_vmap_over_meshes_rays_and_trees():
         moved = Rays(rays.origins - shift, rays.directions, rays.t_min, rays.t_max)
         hit, mesh_k = (jax.tree.map(lambda x, k=k: x[k], tree) for tree in (hits, meshes))
         assert_same(hit, brute(mesh_k, moved))
+
+
+def test_a_few_triangles_are_one_leaf():
+    mesh = plate_over_plane()
+    rays = Rays.create(jnp.asarray([[0.3, 2.0, 0.2], [3.0, 2.0, 0.2], [9.0, 2.0, 0.0]]), [[0.0, -1, 0]] * 3)
+    tree = BoundingVolumeHierarchy.build(mesh)
+    np.testing.assert_array_equal(tree.closest(mesh, rays).face, closest(mesh, rays).face)
 
 
 def test_it_refuses_a_mesh_of_another_size_and_building_under_jit():
