@@ -94,6 +94,8 @@ def keep(source: Path) -> None:
     target.mkdir(exist_ok=True)
     for record in sorted(source.glob("*.json")):
         save(record.with_suffix(".png").read_bytes(), target / f"{record.stem}.png")
+        if record.with_suffix(".gif").exists():
+            (target / f"{record.stem}.gif").write_bytes(record.with_suffix(".gif").read_bytes())
         claims = json.loads(record.read_text())["claims"]
         (target / record.name).write_text(json.dumps({"claims": claims}, ensure_ascii=False, indent=1) + "\n")
 

@@ -10,7 +10,7 @@ from typing import NoReturn
 from experiments import EXPERIMENTS, Outcome, Unsuitable, default_path, find, perform, read_config
 from shadowjax._checks import require
 from shadowjax.io import output_folder, write_bytes, write_json
-from shadowjax.plotting import figure_png
+from shadowjax.plotting import figure_png, gif_bytes
 
 DONE, CLAIM_FAILED, BAD_INPUT = 0, 1, 2
 
@@ -25,7 +25,8 @@ class _Parser(argparse.ArgumentParser):
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="python -m experiments",
-        description="Run figures and tables of the sources; write NAME.png and NAME.json and judge their claims.",
+        description="Run figures and tables of the sources; write NAME.png and NAME.json, NAME.gif where something "
+        "moves, and judge their claims.",
         epilog="Exit codes: 0 all claims hold, 1 a claim failed, 2 bad input. Experiments: " + ", ".join(EXPERIMENTS),
     )
     parser.add_argument("name", metavar="NAME", help="an experiment, or `all`")
@@ -42,6 +43,8 @@ def _parser() -> argparse.ArgumentParser:
 def _save(outcome: Outcome, folder: Path) -> Path:
     picture = write_bytes(folder / f"{outcome.name}.png", figure_png(outcome.figure))
     write_json(folder / f"{outcome.name}.json", outcome.record())
+    if outcome.frames:
+        write_bytes(folder / f"{outcome.name}.gif", gif_bytes(outcome.frames))
     return picture
 
 

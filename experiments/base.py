@@ -7,6 +7,8 @@ from typing import Any, Protocol
 import numpy as np
 from matplotlib.figure import Figure
 
+from shadowjax.plotting.animation import Frame
+
 
 @dataclass(frozen=True)
 class Claim:
@@ -32,7 +34,10 @@ class Unsuitable(ValueError):
 
 
 class Experiment(Protocol):
-    """What every module of the registry offers; its docstring says what is shown and how to read it."""
+    """What every module of the registry offers; its docstring says what is shown and how to read it.
+
+    A module may also have `animate(result) -> list of figures or RGB arrays`, of one size: NAME.gif is made of them.
+    """
 
     @property
     def __name__(self) -> str:
@@ -76,6 +81,7 @@ class Outcome:
         numbers: Plain values behind the figure.
         figure: The drawing.
         quick: Whether the config was the quick one.
+        frames: Of the animation; none if the experiment has none.
     """
 
     name: str
@@ -84,6 +90,7 @@ class Outcome:
     numbers: dict[str, Any]
     figure: Figure
     quick: bool = False
+    frames: tuple[Frame, ...] = ()
 
     @property
     def judged(self) -> tuple[Claim, ...]:
@@ -101,9 +108,11 @@ class Outcome:
 
 
 def perform(name: str, experiment: Experiment, config: Any, quick: bool = False) -> Outcome:
-    """Run an experiment, judge its claims and draw it."""
+    """Run an experiment, judge its claims, draw it, and animate it if it knows how."""
     result = experiment.run(config)
-    return Outcome(name, config, experiment.claims(result), experiment.numbers(result), experiment.draw(result), quick)
+    claims, numbers, figure = experiment.claims(result), experiment.numbers(result), experiment.draw(result)
+    animate = getattr(experiment, "animate", None)
+    return Outcome(name, config, claims, numbers, figure, quick, () if animate is None else tuple(animate(result)))
 
 
 def plain(value: Any) -> Any:

@@ -242,6 +242,10 @@ class Gallery(SphinxDirective):
             section += nodes.title("", title.rstrip("."))
             section += [text(" ".join(part.split())) for part in rest.strip().split("\n\n") if part.strip()]
             section += nodes.image(uri=f"/_static/gallery/{name}.png", alt=title, classes=["gallery"])
+            if (GALLERY / f"{name}.gif").exists():
+                section += nodes.image(
+                    uri=f"/_static/gallery/{name}.gif", alt=f"{title} in motion", classes=["gallery"]
+                )
             claims = json.loads(record_file.read_text())["claims"]
             rows = [[text(c["name"]), text(c["value"]), text("holds" if c["holds"] else "fails")] for c in claims]
             section += table(["claim", "found", ""], [60, 30, 10], rows, "claims")

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from PIL import Image
+from PIL import Image, ImageSequence
 
 from experiments import EXPERIMENTS, Claim, Outcome, default_path, find, read_config
 from experiments.__main__ import main
@@ -31,7 +31,17 @@ def test_quick_run_through_the_command_line(name, tmp_path, capsys):
     for band in np.array_split(pixels, 3, axis=0):
         for part in np.array_split(band, 3, axis=1):
             assert part.std() > 1
-    assert sorted(path.name for path in tmp_path.iterdir()) == [f"{name}.json", f"{name}.png"]
+    moves = hasattr(EXPERIMENTS[name], "animate")
+    written = [f"{name}.{kind}" for kind in (["gif"] if moves else []) + ["json", "png"]]
+    assert sorted(path.name for path in tmp_path.iterdir()) == written
+    if moves:
+        assert (tmp_path / f"{name}.gif").stat().st_size <= 300_000
+        frames = [
+            np.asarray(frame.convert("L"), float)
+            for frame in ImageSequence.Iterator(Image.open(tmp_path / f"{name}.gif"))
+        ]
+        assert len(frames) >= 5
+        assert np.abs(frames[0] - frames[-1]).max() > 60
 
 
 @pytest.mark.parametrize("name", list(EXPERIMENTS))

@@ -6,7 +6,7 @@ from io import BytesIO
 import matplotlib as mpl
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageSequence
 
 from shadowjax import plotting
 from shadowjax.plotting.style import spread
@@ -111,3 +111,29 @@ def test_spread_keeps_order_and_gap():
     placed = spread([1.0, 1.0, 5.0], 2.0)
     assert placed[2] - max(placed[:2]) >= 2 - 1e-6
     assert abs(placed[0] - placed[1]) >= 2 - 1e-6
+
+
+def test_a_gif_holds_every_frame_and_says_what_is_wrong():
+    grey = [np.full((20, 30), value) for value in (0.0, 0.5, 1.0)]
+    content = plotting.gif_bytes([*grey[::-1], np.linspace(0, 1, 1800).reshape(20, 30, 3)], 50, 200)
+    assert content == plotting.gif_bytes([*grey[::-1], np.linspace(0, 1, 1800).reshape(20, 30, 3)], 50, 200)
+    movie = Image.open(BytesIO(content))
+    means, times = [], []
+    for frame in ImageSequence.Iterator(movie):
+        means.append(np.asarray(frame.convert("L"), float).mean())
+        times.append(frame.info["duration"])
+    np.testing.assert_allclose(means, [255, 127.5, 0, 127.5], atol=6)
+    assert times == [50, 50, 50, 200]
+    assert movie.info["loop"] == 0
+    figure, _ = plotting.new_figure(2.0, 1.0)
+    assert Image.open(BytesIO(plotting.gif_bytes([figure, np.zeros((80, 160))]))).size == (160, 80)
+    with pytest.raises(ValueError, match="at least two frames; got 1"):
+        plotting.gif_bytes(grey[:1])
+    with pytest.raises(ValueError, match="one size"):
+        plotting.gif_bytes([grey[0], grey[0].T])
+    with pytest.raises(ValueError, match="must be finite"):
+        plotting.gif_bytes([grey[0], np.full((20, 30), np.nan)])
+    with pytest.raises(ValueError, match="rows, cols, 3"):
+        plotting.gif_bytes([grey[0], np.zeros(3)])
+    with pytest.raises(ValueError, match="fewer or smaller frames"):
+        plotting.gif_bytes(grey, most_bytes=100)
