@@ -111,11 +111,13 @@ class Result:
         found: Every search.
         values: By kind of light, the singular values of the picture's derivative by the pose, largest first.
         hidden: Cosine between the motion that changes the picture least under the sun, and a motion along its rays.
+        paths: By problem, the picture that is given and those that the first search made of it.
     """
 
     found: tuple[Found, ...]
     values: dict[str, np.ndarray]
     hidden: float
+    paths: dict[str, tuple[np.ndarray, np.ndarray]]
 
 
 class Difference(eqx.Module):
@@ -170,8 +172,8 @@ def _scene(config: Config, problem: Problem) -> Difference:
     )  # fmt: skip
 
 
-def _search(config: Config, problem: Problem, seed: int) -> Found:
-    """Recover one random truth from random starts, the scene as it is known first."""
+def _search(config: Config, problem: Problem, seed: int) -> tuple[Found, Difference]:
+    """Recover one random truth from random starts, the scene as it is known first; and what was compared."""
     rng = np.random.default_rng([seed, len(problem.name)])
     scene = _scene(config, problem)
     free = np.asarray(scene.free)
@@ -180,7 +182,7 @@ def _search(config: Config, problem: Problem, seed: int) -> Found:
     starts = problem.spread * rng.uniform(-1, 1, (config.num_starts, 9)) * free
     starts[0] = 0
     recovered = recover(scene, starts, target=SOLVED)
-    return Found(problem.name, recovered, float(np.abs(recovered.parameters * free - truth).max()))
+    return Found(problem.name, recovered, float(np.abs(recovered.parameters * free - truth).max())), scene
 
 
 def run(config: Config) -> Result:
@@ -190,14 +192,21 @@ def run(config: Config) -> Result:
 
 
 def _run(config: Config) -> Result:
-    found = tuple(_search(config, problem, seed) for problem in PROBLEMS for seed in range(config.num_seeds))
+    found, paths = [], {}
+    for problem in PROBLEMS:
+        for seed in range(config.num_seeds):
+            one, scene = _search(config, problem, seed)
+            found.append(one)
+            if seed == 0:
+                made = [np.asarray(_picture(scene, jnp.asarray(step))) for step in one.recovered.history]
+                paths[problem.name] = np.asarray(scene.target), np.stack(made)
     values, motions = {}, {}
     for name, sun in (("lamp", False), ("sun", True)):
         scene = _scene(config, Problem(name, sun, PROBLEMS[-1].free, 0.0))
         slopes = np.asarray(linearized(scene, jnp.zeros(9))[1])[:, 3:]
         _, values[name], motions[name] = np.linalg.svd(slopes, full_matrices=False)
     along = np.concatenate([np.array(SUN) / np.linalg.norm(SUN), np.zeros(3)])
-    return Result(found, values, float(abs(motions["sun"][-1] @ along)))
+    return Result(tuple(found), values, float(abs(motions["sun"][-1] @ along)), paths)
 
 
 def claims(result: Result) -> tuple[Claim, ...]:
@@ -282,4 +291,24 @@ def draw(result: Result) -> Figure:
     return figure
 
 
-__all__ = ["Config", "Result", "claims", "draw", "numbers", "run"]
+@styled
+def animate(result: Result) -> list[Figure]:
+    """The shadows of the first search of each problem, step by step, over the shadow that is given."""
+    last = max(len(made) for _, made in result.paths.values())
+    frames = []
+    for step in range(last + 3):
+        figure, axes = new_figure(7.2, 2.9, 1, len(result.paths))
+        for spot, (name, (given, made)) in zip(axes[0], result.paths.items(), strict=True):
+            at = min(step, len(made) - 1)
+            # Blue where only the given picture is dark, orange where only the search's is, black where both are.
+            spot.imshow(np.stack([given, 0.5 * (given + made[at]), made[at]], axis=-1), interpolation="nearest")
+            spot.set_xticks([])
+            spot.set_yticks([])
+            spot.grid(False)
+            spot.set_title(name, fontsize=9)
+            spot.set_xlabel(f"step {at} of {len(made) - 1}", fontsize=8)
+        frames.append(figure)
+    return frames
+
+
+__all__ = ["Config", "Result", "animate", "claims", "draw", "numbers", "run"]
