@@ -1,13 +1,14 @@
 """Gradients that see shadows' edges, against closed forms and finely sampled differences.
 
-A plate, two plates that overlap, a tetrahedron and a faceted sphere cast shadows on a plane. The area of each shadow
-has a closed form; its derivative in every vertex and in the light's position is compared with that of the picture's
-sum.
+Measured: a plate, two plates that overlap, a tetrahedron and a faceted sphere cast shadows on a plane. The area of each
+shadow has a closed form; its derivative in every vertex and in the light's position is compared with that of the
+picture's sum.
 
 Then triangles that hide one another are moved at random. An image loss (the picture times smooth weights) changes;
 its slope by reverse mode is compared with central differences of visibility sampled at many places in each pixel.
-Left: the sphere's shadow. Middle: how each pixel changes when the sphere moves to the right; only the border does.
-Right: the error of every case.
+
+How to read it: left, the sphere's shadow; middle, how each pixel changes when the sphere moves to the right, which
+only the border does; right, the error of every case.
 """
 
 from dataclasses import dataclass

@@ -54,6 +54,8 @@ def mesh_edges(mesh: Mesh, weld: bool = True) -> MeshEdges:
     _, first = np.unique(np.sort(ends, axis=1), axis=0, return_index=True)
     keep = np.sort(first[ends[first, 0] != ends[first, 1]])  # an edge without length parts nothing
     if not len(keep):
+        # Arrays of one edge without length keep the shapes that compiled programs need.
+        vertices, faces, count, ends = np.zeros((1, 2)), np.array([[0, OPEN]]), np.ones(1), np.zeros((1, 2))
         keep = np.zeros(1, np.int64)
     return MeshEdges(
         jnp.asarray(vertices[keep], jnp.int32),

@@ -49,7 +49,7 @@ def gif_bytes(
     """Frames as the bytes of a GIF file that repeats for ever; the same frames give the same bytes.
 
     Args:
-        frames: At least two, all of one size; see `frame_pixels`. The last one's colours serve all.
+        frames: At least two, all of one size; see `frame_pixels`. All share one palette.
         milliseconds: How long each is shown, in steps of 10.
         rest: How long the last one is shown.
         most_bytes: What the file may take.
@@ -63,8 +63,8 @@ def gif_bytes(
     pixels = [frame_pixels(frame) for frame in frames]
     sizes = sorted({one.shape[:2] for one in pixels})
     require(len(sizes) == 1, f"all frames must have one size; got {sizes}")
-    # One palette: a palette of its own for each frame makes colours flicker.
-    palette = Image.fromarray(pixels[-1]).quantize(COLORS, dither=Image.Dither.NONE)
+    # A palette of its own for each frame would make colours flicker.
+    palette = Image.fromarray(np.concatenate(pixels)).quantize(COLORS, dither=Image.Dither.NONE)
     first, *others = (
         Image.fromarray(one).quantize(COLORS, palette=palette, dither=Image.Dither.NONE) for one in pixels
     )

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jax import lax
 
@@ -33,8 +32,6 @@ from shadowjax.rays.ray_grid import RayGrid
 LANES, FILL = 16, 4
 # The most cells along a side.
 MOST_CELLS = 1024
-# Points projected together: their numbers stay in the cache.
-BAND = 2048
 # Cells of a row over which a triangle is compared with all points at once.
 SPAN = 4
 # What a line of points holds: plane positions and limits.
@@ -45,12 +42,15 @@ class Asked(NamedTuple):
     """Points as rays of the light.
 
     Attributes:
-        numbers: Rows u and v on the light's plane, and the key at which each ray ends.
+        u, v: Place of each ray on the light's plane.
+        limit: The key at which it ends.
         counts: Points that a triangle may block; the others face away or lie behind the light.
         facing: Points that face the light.
     """
 
-    numbers: Float[Array, "3 points"]
+    u: Float[Array, "points"]
+    v: Float[Array, "points"]
+    limit: Float[Array, "points"]
     counts: Bool[Array, "points"]
     facing: Bool[Array, "points"]
 
@@ -97,39 +97,19 @@ def lit(
 
 
 def _project(mesh: Mesh, space: LightSpace, points: Float[Array, "points 3"], normals: Array | None) -> Asked:
-    """The rays of all points, computed once: XLA would otherwise do it again for every array that is made of them."""
-    num_points = points.shape[0]
-    size = min(BAND, num_points)
-    gap = surface_gap(mesh)
-    given = tuple(part for part in (points, normals) if part is not None)
-    limits = jax.vmap(lambda *part: shadow_limits(space, part[0], part[1] if len(part) > 1 else None, gap), in_axes=1)
-
-    def band(k: Index, state: tuple) -> tuple:
-        # The last band starts early: computing a point twice changes nothing.
-        first = less(k * size, jnp.uint32(num_points - size))
-        parts = (lax.dynamic_slice_in_dim(part, first, size, allow_negative_indices=False) for part in given)
-        # Coordinates as rows: a pass over them is then one over neighbours in memory.
-        plane, limit, facing = limits(*lax.optimization_barrier([part.T for part in parts]))
-        u, v = plane[:, 0], plane[:, 1]
-        counts = facing & (limit > 0)
-        if not isinstance(space, DirectionalSpace):
-            limit = -jnp.sqrt(1 + u * u + v * v) / jnp.where(limit > 0, limit, jnp.ones_like(limit))
-        found = jnp.stack([u, v, limit]), counts, facing
-        return tuple(
-            lax.dynamic_update_slice_in_dim(whole, part, first, axis=-1, allow_negative_indices=False)
-            for whole, part in zip(state, found, strict=True)
-        )
-
-    empty = jnp.zeros(num_points, bool)
-    state: Any = (jnp.zeros((3, num_points), points.dtype), empty, empty)
-    return Asked(*lax.fori_loop(jnp.uint32(0), jnp.uint32(-(-num_points // size)), band, state))
+    """The rays of all points."""
+    plane, limit, facing = shadow_limits(space, points, normals, surface_gap(mesh))
+    u, v = plane[:, 0], plane[:, 1]
+    counts = facing & (limit > 0)
+    if not isinstance(space, DirectionalSpace):
+        limit = -jnp.sqrt(1 + u * u + v * v) / jnp.where(limit > 0, limit, jnp.ones_like(limit))
+    return Asked(u, v, limit, counts, facing)
 
 
 def _blocked(mesh: Mesh, space: LightSpace, asked: Asked, far: Float[Array, ""]) -> Bool[Array, "points"]:
     """Whether a triangle meets the ray of each point at its limit or before; never for points that do not count."""
-    u, v, limit = asked.numbers
-    dtype = limit.dtype
-    num_cells = max(limit.size // FILL, 1)
+    dtype = asked.limit.dtype
+    num_cells = max(asked.limit.size // FILL, 1)
     side = min(MOST_CELLS, 1 << ((num_cells.bit_length() - 1) // 2))
     box = _bounding_box(asked)
     grid = RayGrid(space, box, far, side, side)
@@ -141,11 +121,11 @@ def _blocked(mesh: Mesh, space: LightSpace, asked: Asked, far: Float[Array, ""])
     scale = side / (box.upper - box.lower)
     col, row = (
         jnp.clip(jnp.floor((part - box.lower[axis]) * scale[axis]), 0, side - 1).astype(jnp.uint32)
-        for axis, part in enumerate((u, v))
+        for axis, part in enumerate((asked.u, asked.v))
     )
     # Points that do not count have a cell of their own beyond the last.
     cell = jnp.where(asked.counts, row * jnp.uint32(side) + col, jnp.uint32(side * side))
-    begin, most, lines, places = _sorted(cell, asked.numbers, side * side)
+    begin, most, lines, places = _sorted(cell, (asked.u, asked.v, asked.limit), side * side)
     reach = _widened(most.reshape(side, side))
     num_faces = mesh.num_faces
     size = min(CHUNK, num_faces)
@@ -186,17 +166,17 @@ def _done(dtype: Any) -> Array:
 
 def _bounding_box(asked: Asked) -> Box:
     """A box on the plane that holds all points that count, none on its border, with no side of 0."""
-    dtype = asked.numbers.dtype
+    dtype = asked.u.dtype
     most = jnp.finfo(dtype).max
     some = jnp.any(asked.counts)
-    where = asked.numbers[:2]
-    lowest = jnp.where(some, jnp.min(jnp.where(asked.counts, where, most), axis=1), 0.0)
-    highest = jnp.where(some, jnp.max(jnp.where(asked.counts, where, -most), axis=1), 1.0)
+    where = (asked.u, asked.v)
+    lowest = jnp.stack([jnp.where(some, jnp.min(jnp.where(asked.counts, part, most)), 0.0) for part in where])
+    highest = jnp.stack([jnp.where(some, jnp.max(jnp.where(asked.counts, part, -most)), 1.0) for part in where])
     wider = 1e-3 * (highest - lowest) + 1e-6 * (jnp.abs(lowest) + jnp.abs(highest)) + jnp.finfo(dtype).tiny ** 0.25
     return Box(lowest - wider, highest + wider)
 
 
-def _sorted(cell: UInt[Array, "points"], numbers: Float[Array, "3 points"], num_cells: int) -> Sorted:
+def _sorted(cell: UInt[Array, "points"], numbers: tuple[Array, Array, Array], num_cells: int) -> Sorted:
     """Sort points by cell, by counting; those of cell `num_cells`, which is not asked for, come last."""
     num_points = cell.size
 
@@ -215,14 +195,15 @@ def _sorted(cell: UInt[Array, "points"], numbers: Float[Array, "3 points"], num_
         following = put(following, number(following, at) + jnp.uint32(1), at)
         rank = number(following, at) - jnp.uint32(1)
         place = rank // LANES * PARTS + rank % LANES
-        for part, offset in enumerate((U, V, LIMIT)):
-            lines = put(lines, number(numbers, part, i), place + offset)
-        most = put(most, more(number(most, at), number(numbers, 2, i)), at)
+        for part, offset in zip(numbers, (U, V, LIMIT), strict=True):
+            lines = put(lines, number(part, i), place + offset)
+        most = put(most, more(number(most, at), number(numbers[2], i)), at)
         return lines, following, most, put(places, place + LIMIT, i)
 
     # An empty row of cells may look at the line after the last.
-    room = jnp.zeros((num_points // LANES + 1) * PARTS, numbers.dtype)
-    none = jnp.full(num_cells + 1, _done(numbers.dtype))
+    room = jnp.zeros((num_points // LANES + 1) * PARTS, numbers[0].dtype)
+    dtype = numbers[0].dtype
+    none = jnp.full(num_cells + 1, _done(dtype))
     state = room, begin, none, jnp.zeros(num_points, jnp.uint32)
     lines, _, most, places = lax.fori_loop(jnp.uint32(0), jnp.uint32(num_points), enter, state)
     return Sorted(begin, most[:-1], lines, places)

@@ -1,0 +1,147 @@
+"""Parameters recovered from a picture: damped least squares from several starts, with a report of what happened."""
+
+from collections.abc import Callable, Iterable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from shadowjax._checks import require, require_int
+from shadowjax._types import Array, ArrayLike, Float
+
+# Damping, as a part of each parameter's own curvature: at first, and how it changes.
+DAMPING, LOWER, RAISE, STUCK = 1e-2, 0.2, 6.0, 1e10
+
+Residual = Callable[[Float[Array, "parameters"]], Float[Array, "residuals"]]
+
+
+class Recovered(eqx.Module):
+    """What a search found, and whether it is an end.
+
+    Attributes:
+        parameters: The best found.
+        loss: Half the sum of squared residuals there.
+        history: Parameters after every accepted step from the best start, the start first.
+        losses: Their losses.
+        converged: Whether the search came to a point where the loss is small enough or its slope vanishes.
+        solved: Whether the loss is at most the one asked for.
+        reason: Why the search from the best start ended.
+        tried: Number of starts that were used.
+    """
+
+    parameters: np.ndarray
+    loss: float
+    history: np.ndarray
+    losses: np.ndarray
+    converged: bool
+    solved: bool
+    reason: str
+    tried: int
+
+
+@eqx.filter_jit
+def linearized(residual: Residual, parameters: Float[Array, "parameters"]) -> tuple[Array, Array]:
+    """Residuals and their derivative in every parameter, forward mode: one program for each `residual`.
+
+    Give an `eqx.Module` with a `__call__`, or a function made once: another closure compiles again.
+    """
+    # One derivative at a time: memory is that of one.
+    found, forward = jax.linearize(residual, parameters)
+    return found, jax.lax.map(forward, jnp.eye(parameters.shape[0], dtype=parameters.dtype)).T
+
+
+def recover(
+    residual: Residual,
+    starts: Iterable[ArrayLike],
+    target: float = 0.0,
+    max_steps: int = 60,
+    tolerance: float = 1e-10,
+) -> Recovered:
+    """Least squares by Levenberg and Marquardt from one start after another, until one reaches `target`.
+
+    A picture of a shadow has many minima: where shadows do not overlap, nothing says which way to go. Blur the
+    difference of pictures, and give several starts.
+
+    Args:
+        residual: Parameters → residuals, differentiable: differences of pictures, for example.
+        starts: Parameters to begin with, in the order in which they are tried.
+        target: Loss that ends the search, ≥ 0.
+        max_steps: Largest number of accepted and refused steps from each start, ≥ 1.
+        tolerance: Relative size of a step or of the loss's fall that counts as none, > 0.
+
+    Returns:
+        The best of all starts. `converged` is false if steps ran out, or if no parameter has any influence; `reason`
+        says which.
+
+    Raises:
+        ValueError: If there is no start, or a start is not a vector of finite numbers.
+    """
+    require(target >= 0, f"target must not be negative; got {target}")
+    require(tolerance > 0, f"tolerance must be positive; got {tolerance}")
+    require_int(max_steps, "max_steps", 1)
+    best, tried = None, 0
+    for start in starts:
+        first = jnp.asarray(start)
+        require(first.ndim == 1, f"a start must be a vector; got shape {first.shape}")
+        require(bool(jnp.all(jnp.isfinite(first))), f"a start must hold finite numbers; got {first}")
+        tried += 1
+        found = _descend(residual, first, target, max_steps, tolerance)
+        if best is None or found.loss < best.loss:
+            best = found
+        if best.solved:
+            break
+    require(best is not None, "starts must hold at least one vector")
+    assert best is not None
+    return eqx.tree_at(lambda x: x.tried, best, tried)
+
+
+def _descend(residual: Residual, start: Array, target: float, max_steps: int, tolerance: float) -> Recovered:
+    """From one start."""
+    at, damping = start, DAMPING
+    rest, slopes, loss = _evaluate(residual, at)
+    require(bool(np.isfinite(loss)), f"residuals at the start {start} are not finite")
+    history, losses = [np.asarray(at)], [loss]
+    reason, converged = f"no end after {max_steps} steps; raise max_steps", False
+    for _ in range(max_steps):
+        gradient, curvature = slopes.T @ rest, slopes.T @ slopes
+        scale = np.diag(curvature)
+        if loss <= target:
+            reason, converged = "the loss is as small as asked for", True
+            break
+        if not scale.any():
+            reason = "no parameter changes the residuals here; start elsewhere, or blur"
+            break
+        # A parameter without influence stays where it is.
+        damped = curvature + damping * np.diag(np.maximum(scale, 1e-9 * scale.max()))
+        step = -np.linalg.solve(damped, gradient)
+        there = at + jnp.asarray(step, at.dtype)
+        new_rest, new_slopes, new_loss = _evaluate(residual, there)
+        if new_loss < loss:
+            fall = 1 - new_loss / loss
+            at, rest, slopes, loss = there, new_rest, new_slopes, new_loss
+            history.append(np.asarray(at))
+            losses.append(loss)
+            damping *= LOWER
+            if fall < tolerance or np.linalg.norm(step) < tolerance * (1 + np.linalg.norm(np.asarray(at))):
+                reason, converged = "steps no longer lower the loss: a minimum, perhaps a local one", True
+                break
+        else:
+            damping *= RAISE
+            if damping > STUCK:
+                reason, converged = "no step lowers the loss: a minimum, perhaps a local one", True
+                break
+    solved = loss <= target
+    if solved:
+        reason, converged = "the loss is as small as asked for", True
+    return Recovered(np.asarray(at), loss, np.stack(history), np.array(losses), converged, solved, reason, 1)
+
+
+def _evaluate(residual: Residual, parameters: Array) -> tuple[np.ndarray, np.ndarray, float]:
+    """Residuals, their derivative and the loss, in double precision; an infinite loss where one is not finite."""
+    rest, slopes = (np.asarray(part, np.float64) for part in linearized(residual, parameters))
+    finite = np.isfinite(rest).all() and np.isfinite(slopes).all()
+    return rest, slopes, 0.5 * float(rest @ rest) if finite else float("inf")
+
+
+__all__ = ["Recovered", "Residual", "linearized", "recover"]
