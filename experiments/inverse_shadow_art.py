@@ -1,12 +1,15 @@
 """Shadow art: one mesh, two lamps, two shadows that were asked for.
 
-A ball stands between two lamps and two walls. Its vertices are moved by gradient descent until one wall shows a heart
-and the other a star. The loss is the squared difference between the shadow pictures and the targets, summed over both
-walls; its gradient comes through the edges of the shadows alone. A step moves each vertex with its neighbours: steps
-are spread by diffusion over the mesh, so that no vertex runs ahead. Starts are balls of random turn and size.
+Measured: a ball stands between two lamps and two walls. Its vertices are moved by gradient descent until one wall shows
+a heart and the other a star. The loss is the squared difference between the shadow pictures and the targets, summed
+over both walls; its gradient comes through the edges of the shadows alone. A step moves each vertex with its
+neighbours: steps are spread by diffusion over the mesh, so that no vertex runs ahead. Starts are balls of random turn
+and size.
 
-Upper row: one wall. Lower row: the other. The loss falls by more than ten times from every start. The last shadows
-are checked by counting which of many places on a wall lie behind a triangle of the mesh.
+The loss falls by more than ten times from every start. The last shadows are checked by counting which of many places on
+a wall lie behind a triangle of the mesh.
+
+How to read it: upper row, one wall; lower row, the other; right, the loss of every start, and the mesh of the first.
 """
 
 import math
