@@ -221,7 +221,7 @@ def _run(config: Config) -> Result:
     def value_and_slope(vertices: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         found = [_one_wall(wall, target, vertices, mesh, edges) for wall, target in zip(walls, targets, strict=True)]
         loss, pictures, slope = zip(*found, strict=True)
-        return sum(loss) / 2, np.stack(pictures), sum(slope[1:], slope[0])
+        return sum(loss) / 2, np.stack(pictures), np.sum(slope, axis=0)
 
     losses, counted, miscounted, finite, first = [], [], [], True, []
     for seed in range(config.num_seeds):

@@ -36,8 +36,8 @@ def test_quick_run_through_the_command_line(name, tmp_path, capsys):
     assert sorted(path.name for path in tmp_path.iterdir()) == written
     if moves:
         assert (tmp_path / f"{name}.gif").stat().st_size <= 300_000
-        with Image.open(tmp_path / f"{name}.gif") as film:
-            frames = [np.asarray(frame.convert("L"), float) for frame in ImageSequence.Iterator(film)]
+        with Image.open(tmp_path / f"{name}.gif") as movie:
+            frames = [np.asarray(frame.convert("L"), float) for frame in ImageSequence.Iterator(movie)]
         assert len(frames) >= 5
         assert np.abs(frames[0] - frames[-1]).max() > 60
 
