@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from shadowjax._checks import require, require_choice, require_int
+from shadowjax._checks import concrete, require, require_choice, require_int
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Float, Points
 from shadowjax.adaptive import AdaptiveShadowMapping
@@ -29,7 +29,8 @@ from shadowjax.filters.variance import Variance
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.maps.shadow_map import ShadowMap, build_shadow_map
+from shadowjax.geometry.outlines import MeshEdges, mesh_edges
+from shadowjax.maps.shadow_map import ShadowMap, build_covered_map, build_shadow_map
 from shadowjax.partitions.base import Partition
 from shadowjax.partitions.cube import Cube
 from shadowjax.partitions.whole import Whole
@@ -54,6 +55,11 @@ class ShadowMapping(Technique):
             none for layers behind the first.
         layer: Which depth each ray keeps: "first"; "second", the next surface; "back", the first surface met from
             behind, which is the second of closed bodies; "midpoint" of the first and the second.
+        coverage: Whether texels that the outline of the nearest layer crosses hold codes averaged over their area
+            (`coverage_planes`), so that visibility has a gradient where outlines move. Needs a filter that averages
+            codes of single depths, and rays that keep lines straight: a `Cube` round a point light. Hidden outlines
+            are in no map, so light bleeds through two layers as it does without.
+        edges: From `mesh_edges`, for building under `jit` with coverage; found at each build if None.
     """
 
     filter: Filter = Hard()
@@ -62,23 +68,51 @@ class ShadowMapping(Technique):
     caster: Caster = BruteForce()
     bias: BiasRule | None = None
     layer: str = eqx.field(static=True, default="first")
+    coverage: bool = eqx.field(static=True, default=False)
+    edges: MeshEdges | None = None
 
     def __check_init__(self):
         require_int(self.resolution, "resolution", 1)
         require_choice(self.layer, "layer", LAYERS)
+        if self.coverage:
+            require(self.layer == "first", f"coverage follows the first layer; got layer {self.layer!r}")
+            _require_codes(self.filter)
 
     def build(self, mesh: Mesh, light: Light, camera: Camera) -> "MappedShadows":
         """Cast the maps and let the filter prepare them."""
         factor = self.filter.cast_factor
         partition = self.partition.reaching(self.filter.reach * factor)
         partition, grids = _placed(partition, mesh, light, camera, self.resolution * factor)
-        maps = tuple(build_shadow_map(self.caster, mesh, grid, self.layer) for grid in grids)
+        if self.coverage:
+            edges = _edges_of(mesh) if self.edges is None else self.edges
+            maps = tuple(build_covered_map(self.caster, mesh, grid, edges) for grid in grids)
+        else:
+            maps = tuple(build_shadow_map(self.caster, mesh, grid, self.layer) for grid in grids)
         return _read_with(self.filter, partition, camera, maps, self.bias, self.layer)
 
     @property
     def num_tones(self) -> int | None:
         """The filter's bound."""
         return self.filter.num_tones
+
+
+def _edges_of(mesh: Mesh) -> MeshEdges:
+    """Edges of a mesh, which must be known outside `jit`."""
+    fixed = jax.lax.stop_gradient(mesh)
+    require(
+        concrete(fixed.vertices) is not None and concrete(fixed.faces) is not None,
+        "coverage needs the edges of the mesh, which cannot be found under jit or vmap; give ShadowMapping "
+        "edges=mesh_edges(mesh), made outside",
+    )
+    return mesh_edges(fixed)
+
+
+def _require_codes(filter_: Filter) -> None:
+    require(
+        filter_.takes_outlines,
+        f"coverage needs a filter that averages codes of single depths; {type(filter_).__name__} as given does not: "
+        "take Variance(footprint=0), ExponentialVariance(footprint=0), Moments or Convolution",
+    )
 
 
 def _read_with(
@@ -99,6 +133,8 @@ def _read_with(
         f"a receiver-plane bias needs a filter that compares depths; {type(filter_).__name__} reads averages: give a "
         "Bias or a NormalOffset",
     )
+    if maps[0].outlines is not None:
+        _require_codes(filter_)
     planes = tuple(_planes(filter_, shadow_map) for shadow_map in maps)
     return MappedShadows(filter_, partition, camera, maps, planes, bias, layer)
 
@@ -264,11 +300,14 @@ class ExactShadows(Shadows):
 
 
 def _mapping(
-    filter_: Callable[[], Filter], layer: str = "first", partition: Callable[[], Partition] = Whole
+    filter_: Callable[[], Filter],
+    layer: str = "first",
+    partition: Callable[[], Partition] = Whole,
+    coverage: bool = False,
 ) -> Callable[..., Technique]:
     def make(resolution: int = 512, caster: Caster | None = None, **options: Any) -> Technique:
         caster = BruteForce() if caster is None else caster
-        fields = {"layer": layer, "partition": partition(), **options}
+        fields = {"layer": layer, "partition": partition(), "coverage": coverage, **options}
         return ShadowMapping(filter_(), resolution, caster=caster, **fields)
 
     return make
@@ -308,6 +347,8 @@ TECHNIQUES: dict[str, Callable[..., Technique]] = {
     "brabec-seidel-propagated": _mapping(lambda: MultiDepth(PropagatedNeighbours())),
     "hyper-z": _mapping(lambda: MultiDepth(HierarchicalMinimum())),
     "vsm": _mapping(lambda: Variance(bleed_low=0.2)),
+    # Six maps where a light is a point, since one around it would bend outlines; one for a directional light.
+    "vsm+coverage": _mapping(lambda: Variance(bleed_low=0.2, footprint=0.0), partition=Cube, coverage=True),
     "esm": _mapping(Exponential),
     "esm-threshold": _mapping(lambda: Exponential(fallback="threshold")),
     "esm-z-max": _mapping(lambda: Exponential(fallback="z-max")),

@@ -5,6 +5,7 @@ from types import MappingProxyType
 from typing import Any
 
 from shadowjax._checks import require_choice
+from shadowjax.filters.offset_pcf import OffsetPercentageCloser
 from shadowjax.filters.pcf import BilinearPercentageCloser
 from shadowjax.techniques import TECHNIQUES, make_technique
 
@@ -21,9 +22,10 @@ PARAMETERS: Mapping[str, str] = MappingProxyType({
     "camera": "the pose that maps are fitted to, or that a picture is seen from",
     "bias": "the depth a test forgives",
     "exponent": "of exponential filters",
-    "kernel": "size and weights of a filter's kernel",
-    "near distance": "n' of a perspective warp, by the grid of rays that it makes",
-    "splits": "planes between depth slices, likewise",
+    "kernel size": "how many texels a filter's kernel spans",
+    "kernel weights": "how much each counts: the width of a Gaussian",
+    "near distance": "n' of a perspective warp, by the grid of rays that it makes, with a partition that has one",
+    "splits": "planes between depth slices, likewise; which slice answers for a point is a choice",
     "offsets": "where a filter's samples lie",
 })  # fmt: skip
 # Not in the registry of techniques: functions with a gradient for silhouettes, and the filter that learns its taps.
@@ -32,7 +34,14 @@ _FOLLOWED = {
     "shadow_picture": ("vertices", "light", "camera"),
     "coverage_planes": ("vertices", "light", "camera", "near distance", "splits"),
 }
-_MOVES_GRID = ("light", "camera", "near distance", "splits")
+# Move the rays of a map, or what they meet.
+_MOVES_MAP = ("vertices", "light", "camera", "near distance", "splits")
+# Techniques without a filter. Adaptive tiles are chosen on the host, and then cast again for moved vertices (`recast`).
+_COUNTED = {
+    "exact": {"vertices": "values", "light": "values"},
+    "shadow-volumes": {"vertices": "values", "light": "values"},
+    "asm": {"vertices": "values", "light": "static", "camera": "static", "bias": "values"},
+}
 
 
 def capability(name: str, parameter: str) -> str:
@@ -53,27 +62,38 @@ def capability(name: str, parameter: str) -> str:
     if name in _FOLLOWED:
         return "silhouettes" if parameter in _FOLLOWED[name] else "none"
     if name == "OffsetPercentageCloser":
-        apart = {"kernel": "none", "exponent": "none", "bias": "values"}
-        return apart.get(parameter, "topology")
-    filter_: Any = getattr(make_technique(name), "filter", None)
-    if filter_ is None:  # the exact test has no map
-        return "values" if parameter in ("vertices", "light") else "none"
-    if parameter in ("exponent", "kernel", "offsets"):
-        return "static" if _has(filter_, parameter) else "none"
-    if not filter_.compares:
-        return "topology"
+        return "topology" if parameter == "offsets" else _of_filter(OffsetPercentageCloser, False, parameter)
+    if name in _COUNTED:
+        return _COUNTED[name].get(parameter, "none")
+    technique: Any = make_technique(name)
+    if parameter in _NUMBERS:
+        return "static" if _has(technique.filter, parameter) else "none"
+    if technique.coverage and parameter in _MOVES_MAP:
+        return "silhouettes"
+    return _of_filter(type(technique.filter), not technique.filter.compares, parameter)
+
+
+def _of_filter(kind: type, smooth: bool, parameter: str) -> str:
+    """Of what moves a map or its lookups, without coverage."""
+    if parameter in _NUMBERS:
+        return "none"
     # Counts of comparisons; bilinear weights follow where a receiver lies in the map, which vertices move by its fit.
-    weighted = isinstance(filter_, BilinearPercentageCloser)
-    return "topology" if weighted and (parameter in _MOVES_GRID or parameter == "vertices") else "values"
+    weighted = issubclass(kind, BilinearPercentageCloser | OffsetPercentageCloser)
+    return "topology" if smooth or (weighted and parameter in _MOVES_MAP) else "values"
+
+
+# A filter's own numbers, and the fields that hold them: all are static.
+_NUMBERS = {
+    "exponent": ("exponent", "positive"),
+    "kernel size": ("prefilter", "kernel_size", "num_taps"),
+    "kernel weights": ("prefilter",),
+    "offsets": ("policy",),
+}
 
 
 def _has(filter_: Any, parameter: str) -> bool:
-    """Whether a filter has an exponent, or a kernel, or samples at offsets of its own."""
-    if parameter == "exponent":
-        return hasattr(filter_, "exponent") or hasattr(filter_, "positive")
-    if parameter == "kernel":
-        return any(hasattr(filter_, name) for name in ("prefilter", "size", "kernel_size", "num_taps"))
-    return hasattr(filter_, "policy")
+    """Whether a filter has one of these numbers."""
+    return any(hasattr(filter_, field) for field in _NUMBERS[parameter])
 
 
 def capability_table() -> dict[str, dict[str, str]]:

@@ -90,6 +90,11 @@ class Filter(eqx.Module):
         return True
 
     @property
+    def takes_outlines(self) -> bool:
+        """Whether the filter averages its codes over the area of texels that outlines cross (`ShadowMap.outlines`)."""
+        return False
+
+    @property
     def follows_plane(self) -> bool:
         """Whether lookups must know the receiver's own plane (`Lookup.gradient`) whatever the bias."""
         return False

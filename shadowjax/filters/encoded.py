@@ -13,6 +13,7 @@ from shadowjax.filters.prefilter import DepthRange, Prefilter
 from shadowjax.maps.blur import extend
 from shadowjax.maps.sampling import is_outside
 from shadowjax.maps.shadow_map import ShadowMap
+from shadowjax.rays.coverage import OutlinePieces
 
 Depth = Float[Array, "rows cols"]
 # One array for each stored number, all of the receivers' shape.
@@ -33,6 +34,16 @@ class EncodedMap(eqx.Module):
     range: DepthRange
     num_rows: int = eqx.field(static=True)
     num_cols: int = eqx.field(static=True)
+
+
+class _OfList(eqx.Module):
+    """A filter's codes of a list of depths, world units."""
+
+    filter: "Encoded"
+    range: DepthRange
+
+    def __call__(self, depth: Float[Array, "points"]) -> Float[Array, "n points"]:
+        return self.filter.encode(self.range.to_unit(depth)[None])[:, 0]
 
 
 class Encoded(Filter):
@@ -70,13 +81,21 @@ class Encoded(Filter):
 
     def prepare_map(self, shadow_map: ShadowMap) -> EncodedMap:
         """The averaged codes of a cast map, whose depths are finite by construction."""
-        return self._prepared(shadow_map.depth, shadow_map.grid.far, shadow_map.border)
+        return self._prepared(shadow_map.depth, shadow_map.grid.far, shadow_map.border, shadow_map.outlines)
 
-    def _prepared(self, depth: Depth, far: Float[Array, ""] | None, border: str) -> EncodedMap:
+    def _prepared(
+        self, depth: Depth, far: Float[Array, ""] | None, border: str, outlines: OutlinePieces | None = None
+    ) -> EncodedMap:
         self.check(depth.dtype)
-        depth_range = DepthRange.of(depth, far)
-        unit = extend(depth_range.to_unit(depth), self.prefilter.radius, border, jnp.ones((), depth.dtype))
-        return EncodedMap(self.prefilter.prepare(self.encode(unit)), depth_range, *depth.shape)
+        # The nearest depth of a map jumps as texels change faces; with outlines nothing may jump.
+        depth_range = DepthRange.of(depth, far) if outlines is None or far is None else DepthRange(0 * far, far)
+        radius = self.prefilter.radius
+        codes = self.encode(extend(depth_range.to_unit(depth), radius, border, jnp.ones((), depth.dtype)))
+        if outlines is not None:
+            rows, cols = (slice(radius, radius + size) for size in depth.shape)
+            inner = outlines.blended(codes[:, rows, cols], _OfList(self, depth_range))
+            codes = codes.at[:, rows, cols].set(inner)
+        return EncodedMap(self.prefilter.prepare(codes), depth_range, *depth.shape)
 
     def visibility(self, planes: EncodedMap, lookup: Lookup) -> Float[Array, "*points"]:
         """Decoded visibility; 1 outside a map with a lit border."""
@@ -85,6 +104,11 @@ class Encoded(Filter):
         if lookup.border != "lit":
             return value
         return jnp.where(is_outside(lookup.position, planes.num_rows, planes.num_cols), jnp.ones_like(value), value)
+
+    @property
+    def takes_outlines(self) -> bool:
+        """Where codes are made of each depth alone."""
+        return True
 
     @property
     def num_tones(self) -> None:

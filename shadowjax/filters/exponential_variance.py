@@ -125,6 +125,11 @@ class ExponentialVariance(Encoded):
         return 2 * len(self.exponents)
 
     @property
+    def takes_outlines(self) -> bool:
+        """Without a footprint, whose slopes are differences of neighbours."""
+        return self.footprint == 0
+
+    @property
     def bias_reach(self) -> float:
         """Half a texel with c₊ alone: the mean of e^(cz) over a plane lies behind the receiver. With c₋ it lies before
         it, and the bias must reach as far as the kernel."""

@@ -174,6 +174,11 @@ class Variance(Encoded):
         return 2
 
     @property
+    def takes_outlines(self) -> bool:
+        """Without a footprint, whose slopes are differences of neighbours."""
+        return self.footprint == 0
+
+    @property
     def bias_reach(self) -> float:
         """The mean of a plane is its depth at the receiver; half a texel covers how a map bends it."""
         return 0.5

@@ -5,7 +5,9 @@ import equinox as eqx
 from shadowjax._checks import require_choice
 from shadowjax._types import Array, Float, Int
 from shadowjax.geometry.mesh import Mesh
+from shadowjax.geometry.outlines import MeshEdges
 from shadowjax.rays.caster import Caster
+from shadowjax.rays.coverage import OutlinePieces, default_room, outline_pieces
 from shadowjax.rays.layers import LAYERS, back_layer, second_layer
 from shadowjax.rays.light_space import OctahedralSpace
 from shadowjax.rays.ray_grid import RayGrid
@@ -18,11 +20,14 @@ class ShadowMap(eqx.Module):
         grid: The light rays the map samples.
         depth: Distance along each ray, world units, `depth[t_index, s_index]`; the grid's `far` where nothing is hit.
         face: Triangle seen by each texel, -1 where nothing is hit.
+        outlines: Where outlines cross texels, for filters that average codes over a texel's area; None if a texel knows
+            the ray through its centre alone.
     """
 
     grid: RayGrid
     depth: Float[Array, "rows cols"]
     face: Int[Array, "rows cols"]
+    outlines: OutlinePieces | None = None
 
     @property
     def border(self) -> str:
@@ -61,3 +66,22 @@ def build_shadow_map(caster: Caster, mesh: Mesh, grid: RayGrid, layer: str = "fi
     if layer == "second":
         return ShadowMap(grid, second.depth, second.face)
     return ShadowMap(grid, 0.5 * (first.depth + second.depth), first.face)
+
+
+def build_covered_map(caster: Caster, mesh: Mesh, grid: RayGrid, edges: MeshEdges) -> ShadowMap:
+    """A map that knows where outlines cross its texels, so that averages over texels move as outlines do.
+
+    Args:
+        caster: Any caster.
+        mesh: Everything that casts shadows.
+        grid: The light rays, of a space that keeps lines straight.
+        edges: From `mesh_edges`.
+
+    Raises:
+        ValueError: If the space bends lines: one map around a point light.
+        RuntimeError: If outlines cross more texels than there is room for: one crossing for each texel, and four for
+            each edge.
+    """
+    plain = build_shadow_map(caster, mesh, grid)
+    most = max(default_room(grid), grid.num_rows * grid.num_cols + 4 * edges.vertices.shape[0])
+    return ShadowMap(grid, plain.depth, plain.face, outline_pieces(mesh, edges, grid, caster, most))

@@ -18,7 +18,7 @@ INSET = 4.0
 HALVINGS = 20
 # One piece in so many may change on its way; where there are more, the rest change in their middle.
 CHANGING = 8
-# Pieces looked at together: bounds memory.
+# Pieces looked at together, a third of them all if that is no whole part: bounds memory.
 CHUNK = 1024
 
 # Grid positions left and right of a line, which places count, and the line → a number that tells cases apart (0: it
@@ -59,6 +59,8 @@ def settle(
     """
     pairs = _in_parts(pairs)
     capacity = pairs.segment.shape[0]
+    # Room asked for by the caller need not be a multiple of the chunk.
+    chunk = CHUNK if capacity % CHUNK == 0 else capacity // PARTS
     pairs, ends = lax.optimization_barrier((pairs, (start[pairs.segment], end[pairs.segment])))
     length = jnp.sqrt(jnp.sum((ends[1] - ends[0]) ** 2, axis=-1))
     away = INSET * BESIDE * float(jnp.finfo(length.dtype).eps) ** 0.5
@@ -84,7 +86,7 @@ def settle(
         step, one, other, listed, count, low, high = state
         at = jnp.where(step == 0, low, jnp.where(step == 1, high, 0.5 * (low + high)))
         here = jax.tree.map(lambda x: x[listed], lines)
-        seen = map_present(look, (*here, at), count, min(CHUNK, capacity))
+        seen = map_present(look, (*here, at), count, chunk)
 
         def keep_one() -> tuple:
             return seen, other, listed, count, low, high

@@ -8,15 +8,15 @@ from jax import lax
 
 from shadowjax._checks import require, require_int
 from shadowjax._numerics import dot
-from shadowjax._types import Array, Bool, Float, Points
+from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.outlines import MeshEdges, outline
-from shadowjax.rays._edge_cells import Crossings, blend, crossings, places_beside, room
+from shadowjax.rays._edge_cells import Crossings, blend, crossings, room
 from shadowjax.rays._edge_pieces import Pieces, settle
 from shadowjax.rays.brute import BruteForce
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.light_space import DirectionalSpace, LightSpace, OctahedralSpace, PerspectiveSpace
-from shadowjax.rays.ray import Rays, intersect
+from shadowjax.rays.ray import Rays
 from shadowjax.rays.ray_grid import RayGrid
 
 Encode = Callable[[Array], Array]
@@ -65,8 +65,10 @@ def coverage_planes(
 
     What it does not see: outlines hidden behind the nearest layer; the curve in which two surfaces cross, where depth
     has a kink but no jump; edges of different parts that lie on one another without common ends; features narrower than
-    the rounding of a cell. Inside a surface depth counts as flat over a texel. A plane map that bends lines
-    (logarithmic) is followed along chords.
+    the rounding of a cell. Over a texel each surface counts as flat, with the depth that its plane has on the ray
+    through the texel's centre: the derivative is that of what is returned, and both differ from the true mean by the
+    change of slope across the edge, times a part of a texel. A plane map that bends lines (logarithmic) is followed
+    along chords.
 
     Args:
         mesh: What is cast.
@@ -82,8 +84,50 @@ def coverage_planes(
     """
     caster = BruteForce() if caster is None else caster
     base = encode(_depth(mesh, grid, caster))
+    return outline_pieces(mesh, edges, grid, caster, max_pairs).blended(base, encode)
+
+
+class OutlinePieces(eqx.Module):
+    """Where the outline of the nearest layer crosses the cells of a grid, and how deep it is on either side.
+
+    Attributes:
+        start, end: Ends of the edge of each piece, grid positions.
+        left, right: Depth of the surface on either side, world units: its plane met by the ray through the cell's
+            centre.
+        cell: Cell of each piece, row by row.
+        first, last: Ends of the piece, as parts of the edge.
+        parts: Whether depth jumps there.
+    """
+
+    start: Float[Array, "n 2"]
+    end: Float[Array, "n 2"]
+    left: Float[Array, "n"]
+    right: Float[Array, "n"]
+    cell: Int[Array, "n"]
+    first: Float[Array, "n"]
+    last: Float[Array, "n"]
+    parts: Bool[Array, "n"]
+
+    def blended(self, base: Float[Array, "n rows cols"], encode: Encode) -> Float[Array, "n rows cols"]:
+        """Codes averaged over cells.
+
+        Args:
+            base: Codes of the depths at the centres of cells.
+            encode: Made them, element by element.
+        """
+        return _blended(self, base, encode)
+
+
+def outline_pieces(
+    mesh: Mesh, edges: MeshEdges, grid: RayGrid, caster: Caster, max_pairs: int | None = None
+) -> OutlinePieces:
+    """The outline of the nearest layer, with a gradient in where it is and in the depths beside it.
+
+    Two programs are compiled: one finds pieces, without a gradient; one computes them again, with it. Arguments, limits
+    and errors are those of `coverage_planes`.
+    """
     pieces = _find_pieces(*lax.stop_gradient((mesh, edges, grid, caster)), max_pairs)
-    return _blended(mesh, edges, grid, encode, base, pieces)
+    return _measured(mesh, edges, grid, pieces)
 
 
 @eqx.filter_jit
@@ -105,19 +149,43 @@ def _find_pieces(mesh: Mesh, edges: MeshEdges, grid: RayGrid, caster: Caster, ma
 
 
 @eqx.filter_jit
-def _blended(
-    mesh: Mesh, edges: MeshEdges, grid: RayGrid, encode: Encode, base: Float[Array, "n rows cols"], pieces: Pieces
-) -> Float[Array, "n rows cols"]:
-    """Codes blended by area, with a gradient in depths and in the ends of edges."""
+def _measured(mesh: Mesh, edges: MeshEdges, grid: RayGrid, pieces: Pieces) -> OutlinePieces:
+    """Ends of edges, and depths on both sides, differentiable."""
     start, end, _ = edge_ends(grid, mesh, edges)
-    start, end = start[pieces.segment], end[pieces.segment]
-    beside = places_beside(*lax.stop_gradient((start, end)), 0.5 * (pieces.first + pieces.last))
-    left, right = (
-        encode(intersect(mesh, grid.rays_at(place / grid.resolution), face).depth)
-        for place, face in zip(beside, pieces.found, strict=True)
-    )
+    corner = jnp.stack([pieces.cell % grid.num_cols, pieces.cell // grid.num_cols], axis=-1)
+    rays = grid.rays_at((corner.astype(start.dtype) + 0.5) / grid.resolution)
+    left, right = (_plane_depth(mesh, rays, face) for face in pieces.found)
     piece = pieces.cell, pieces.first, pieces.last, pieces.case > 0
-    flat = blend(base.reshape(base.shape[0], -1), left, right, start, end, piece, grid.num_cols)
+    return OutlinePieces(start[pieces.segment], end[pieces.segment], left, right, *piece)
+
+
+def _plane_depth(mesh: Mesh, rays: Rays, face: Int[Array, "n"]) -> Float[Array, "n"]:
+    """Depth at which rays meet the planes of triangles (−1: none), within reach of the triangles themselves.
+
+    Planes seen nearly edge-on are met anywhere: no depth is farther from a triangle than the triangle is deep.
+    """
+    missed = face < 0
+    offsets = mesh.triangles()[jnp.where(missed, 0, face)] - rays.origins[:, None]
+    depths = dot(offsets, jnp.broadcast_to(rays.directions[:, None], offsets.shape))
+    # From beside the triangle, which keeps digits; the step has no gradient of its own.
+    step = lax.stop_gradient(depths[:, 0])
+    a, b, c = jnp.moveaxis(offsets - (step[:, None] * rays.directions)[:, None], 1, 0)
+    normal = jnp.cross(b - a, c - a)
+    rise, fall = dot(a, normal), dot(rays.directions, normal)
+    low, high = jnp.min(depths, axis=-1), jnp.max(depths, axis=-1)
+    reach = high - low
+    beyond = jnp.abs(rise) >= 2 * reach * jnp.abs(fall)
+    depth = step + rise / jnp.where(beyond, jnp.ones_like(fall), fall)
+    last = jnp.where(rise * fall < 0, low - reach, high + reach)
+    depth = jnp.where(beyond, last, jnp.clip(depth, low - reach, high + reach))
+    return jnp.where(missed, rays.t_max, jnp.clip(depth, jnp.zeros_like(depth), rays.t_max))
+
+
+@eqx.filter_jit
+def _blended(pieces: OutlinePieces, base: Float[Array, "n rows cols"], encode: Encode) -> Float[Array, "n rows cols"]:
+    piece = pieces.cell, pieces.first, pieces.last, pieces.parts
+    left, right = encode(pieces.left), encode(pieces.right)
+    flat = blend(base.reshape(base.shape[0], -1), left, right, pieces.start, pieces.end, piece, base.shape[2])
     return flat.reshape(base.shape)
 
 
@@ -208,6 +276,6 @@ def edge_ends(grid: RayGrid, mesh: Mesh, edges: MeshEdges) -> tuple[Array, Array
 
 
 __all__ = [
-    "Encode", "coverage_depth", "coverage_planes", "default_room", "edge_ends", "pairs_of", "plain_depth",
-    "powers", "rays_beside", "segments_on", "towards_source",
+    "Encode", "OutlinePieces", "coverage_depth", "coverage_planes", "default_room", "edge_ends", "outline_pieces",
+    "pairs_of", "plain_depth", "powers", "rays_beside", "segments_on", "towards_source",
 ]  # fmt: skip
