@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from shapes import plate_over_plane
 
-from shadowjax import Mesh, RayGrid, coverage_planes, mesh_edges, plane_receiver
+from shadowjax import DirectionalLight, Mesh, RayGrid, cast, coverage_planes, mesh_edges, plane_receiver
+from shadowjax._numerics import normalize
+from shadowjax.rays._edge_cells import BESIDE
+from shadowjax.rays._edge_pieces import INSET
 from shadowjax.rays.coverage import edge_ends, powers
-from shadowjax.rays.light_space import OctahedralSpace
+from shadowjax.rays.light_space import OctahedralSpace, light_space
 from shadowjax.rays.plane_map import Box
 
 SIZE = 16
@@ -54,6 +57,34 @@ def depths_of_powers():
     """(near, far) of each plane: depth from the view's start, and its square."""
     far = float(GRID.space.origin[1])
     return jnp.array([[far - 1.0, (far - 1.0) ** 2], [far, far**2]])
+
+
+@jax.jit
+def seen_along(direction):
+    """The rays of a parallel light, in a map almost as wide as the floor."""
+    mesh = cast(MESH, direction.dtype)
+    space = light_space(DirectionalLight(normalize(direction), 1 + 0 * direction), 1 + 0 * direction, *mesh.bounds())
+    half = 3 + 0 * direction[:2]
+    return mesh, RayGrid(space, Box(-half, half), 12 + 0 * direction[0], SIZE, SIZE)
+
+
+def test_float32_and_many_lights_at_once_agree_with_float64_one_by_one():
+    """Depth to the rounding of positions in texels; at a corner of the plate, to where it is looked for."""
+    directions = jnp.asarray([[0.1, -1.0, 0.2], [-0.4, -1.0, 0.25], [0.6, -0.9, -0.5]])
+
+    def depth(direction, room=None):
+        mesh, grid = seen_along(direction)
+        return coverage_planes(mesh, EDGES, grid, powers(2), max_pairs=room)[0]
+
+    # The room is no multiple of what is looked at together.
+    found = np.asarray(jax.vmap(lambda one: depth(one, 500))(directions.astype(jnp.float32)))
+    assert found.dtype == np.float32
+    expected = np.stack([depth(one) for one in directions])
+    assert expected.std(axis=(1, 2)).min() > 0.3
+    eps, jump = float(jnp.finfo(jnp.float32).eps), 1 / 0.6  # the plate is 1 above the floor: at most that along a ray
+    off = np.abs(found - expected)
+    assert off.max() <= (INSET * BESIDE) ** 2 * eps * jump
+    assert (off > 8 * SIZE * eps * jump).sum() <= 4 * len(directions)
 
 
 def test_a_map_bent_by_a_point_light_is_refused():
