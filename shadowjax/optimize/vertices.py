@@ -10,8 +10,8 @@ import numpy as np
 from shadowjax._checks import require, require_int
 from shadowjax._types import Float, Int
 
-# Memory of slopes and of their squares; and the part of the loss that a search near its end may still lose.
-MEAN, SQUARE, SETTLED = 0.8, 0.95, 0.02
+# Memory of slopes and of their squares; and the part of the first loss that a settled search may still lose.
+MEAN, SQUARE, SETTLED = 0.8, 0.95, 0.05
 
 ValueAndSlope = Callable[[np.ndarray], tuple[float, Any, np.ndarray]]
 
@@ -24,7 +24,8 @@ class Descent(eqx.Module):
         vertices: Of every step, and after the last; (steps + 1) × vertices × 3.
         others: What the function gave beside loss and slope, of every step and after the last.
         finite: Whether all losses and slopes were finite; the descent stops at the first that is not.
-        converged: Whether the loss is as small as asked for, has no slope, or hardly fell during the last tenth.
+        converged: Whether the loss is as small as asked for, or the last tenth of the steps hardly changed it,
+            were they as long as the first.
         reason: Why it ended.
     """
 
@@ -106,21 +107,29 @@ def descend(
             break
         downhill = spread.T @ slope
         if not downhill.any():
-            reason, converged = "the loss has no slope: no vertex makes an edge of a shadow that matters", True
+            reason = "the loss has no slope: no vertex makes an edge of a shadow that matters; start elsewhere"
             break
         mean = MEAN * mean + (1 - MEAN) * downhill
         square = SQUARE * square + (1 - SQUARE) * downhill**2
         scale = math.sqrt(square.max() / (1 - SQUARE ** (step + 1))) + 1e-12
-        now = rate * (0.55 + 0.45 * math.cos(math.pi * step / num_steps))
-        moved = moved - now * mean / (1 - MEAN ** (step + 1)) / scale
+        moved = moved - rate * _share(step, num_steps) * mean / (1 - MEAN ** (step + 1)) / scale
     if not reason:
-        before = losses[-1 - max(1, num_steps // 10)]
-        left = (before - losses[-1]) / losses[0]
+        # Short steps lose little wherever they are, so what they lost is told as if they had been as long as the first.
+        last = max(1, num_steps // 10)
+        shares = sum(_share(step, num_steps) for step in range(num_steps - last, num_steps)) / last
+        left = (losses[-1 - last] - losses[-1]) / losses[0] / shares
         converged = abs(left) < SETTLED
-        reason = f"{num_steps} steps are done; the last tenth changed the loss by {left:.1%} of the first"
+        reason = (
+            f"{num_steps} steps are done; the last {last} lowered the loss by {left:.1%} of the first, for full rate"
+        )
         if not converged:
             reason += ": raise num_steps"
     return Descent(np.array(losses), np.stack(places), tuple(others), finite, converged, reason)
+
+
+def _share(step: int, num_steps: int) -> float:
+    """Part of the first rate that a step has."""
+    return 0.55 + 0.45 * math.cos(math.pi * step / num_steps)
 
 
 __all__ = ["Descent", "ValueAndSlope", "descend", "diffuser"]
