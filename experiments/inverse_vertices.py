@@ -54,7 +54,7 @@ class Config:
     frequency: int = 2
     num_lamps: int = 6
     num_seeds: int = 8
-    num_steps: int = 11
+    num_steps: int = 24
     rate: float = 0.35
     diffusion: float = 0.5
 
@@ -236,7 +236,7 @@ def draw(result: Result) -> Figure:
             spot.plot(place, 100 * x.away[0], "_", color="k", ms=9, label="the ball" if told == ONE else None)
     curve.legend(fontsize=7)
     spot.legend(fontsize=7)
-    spot.set_ylim(0, 140 * max(x.away[0] for x in many))
+    spot.set_ylim(0, 165 * max(x.away[0] for x in many))
     spot.set_xticks(range(len(many)))
     label(curve, "step", "mean squared difference", "loss on the given walls")
     label(spot, "random body", "RMS distance (cm)", "from the true surface")
