@@ -86,8 +86,8 @@ def lowest(
     best = int(np.argmin(losses))
     parameters, loss, slope, history, reason, converged = searches[best]
     return Lowest(
-        parameters, loss, slope, (parameters <= low) | (parameters >= high), history, converged, reason, np.stack(begun),
-        np.stack([search[0] for search in searches]), losses, tuple(search[4] for search in searches),
+        parameters, loss, slope, (parameters <= low) | (parameters >= high), history, converged, reason,
+        np.stack(begun), np.stack([search[0] for search in searches]), losses, tuple(search[4] for search in searches),
     )  # fmt: skip
 
 
