@@ -10,7 +10,8 @@ Measured: slopes against central differences; a brute-force grid over all four p
 better; the slope that is left, and the bounds that hold the answer; how many starts reach it. The formula knows the
 bare ground only. So blocks are put on it, the camera's rays are cast, and the texels of the real map are projected into
 the picture at what each pixel sees: the same grid of suns and cameras is measured, ranks are compared, and the best
-place by formula against the best that was measured.
+place by formula against the best that was measured. On the bare ground formula and texels agree; walls that the sun
+grazes are what the formula does not know.
 
 How to read it: left, the formula over the sun's place for the best camera, with the searches' ends; middle, measured
 against formula for every sun and camera tried; right, how much more than the best every start of every scene ends with.
@@ -38,7 +39,7 @@ from shadowjax.optimize.bounded import Lowest, lowest
 from shadowjax.optimize.seen_pixels import STEEPEST, chart_between, mean_error, seen_pixels
 from shadowjax.plotting import PALETTE, label, new_figure, styled
 from shadowjax.rays.brute import BruteForce
-from shadowjax.rays.light_space import light_space
+from shadowjax.rays.light_space import DirectionalSpace, light_space
 from shadowjax.rays.ray_grid import RayGrid, camera_grid
 from shadowjax.shading import Surface, trace_surface, valid_receivers
 from shadowjax.warps.fit import padded, view_axis
@@ -87,7 +88,8 @@ class Found:
         axes: The grid's values.
         slopes: At the first start, by program and by central differences.
         formula: ln m by formula where it was measured.
-        measured: ln m measured among blocks.
+        bare: ln m measured on the bare ground.
+        measured: The same among blocks.
         here: ln m measured at the search's answer.
         beside: Least ln m of random points near the answer.
     """
@@ -100,6 +102,7 @@ class Found:
     axes: tuple[np.ndarray, ...]
     slopes: tuple[np.ndarray, np.ndarray]
     formula: np.ndarray
+    bare: np.ndarray
     measured: np.ndarray
     here: float
     beside: float
@@ -160,6 +163,7 @@ def _measure(mesh: Mesh, points: Array, phi: Array, width: int) -> Array:
         depth = (surface.points - camera.position) @ camera.forward
         near, far = jnp.min(jnp.where(valid, depth, jnp.inf)), jnp.max(jnp.where(valid, depth, 0.0))
         space = light_space(sun, camera.forward, *mesh.bounds())
+        assert isinstance(space, DirectionalSpace)
         part = eqx.tree_at(lambda c: (c.near, c.far), camera, (near, far))
         corners, axis = padded(space.project(part.frustum_corners())[0]), view_axis(space, camera)
         extent = jnp.max(corners @ axis) - jnp.min(corners @ axis)
@@ -203,7 +207,7 @@ def _search(config: Config, seed: int) -> Found:
 
     starts = rng.uniform(lower, upper, (config.num_starts, 4))
     search = lowest(both, starts, lower, upper)
-    axes = tuple(np.linspace(*ends, count) for *ends, count in zip(lower, upper, STEPS, strict=True))
+    axes = tuple(np.linspace(low, high, count) for low, high, count in zip(lower, upper, STEPS, strict=True))
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     values = np.asarray(_many(jnp.asarray(points.reshape(-1, 4)), lens)).reshape(STEPS)
     # Where the answer lies on a kink, its slope says little: look around it.
@@ -216,9 +220,13 @@ def _search(config: Config, seed: int) -> Found:
                       for n, m in zip(STEPS[:3], MEASURED, strict=True)))  # fmt: skip
     best = np.take_along_axis(points, values.argmin(axis=-1)[..., None, None], axis=-2)[..., 0, :]
     some = np.concatenate([best[chosen].reshape(-1, 4), search.parameters[None]])
-    measured = np.asarray(_measure(_blocks(config, seed), jnp.asarray(some), lens, config.width))
+    scene = _blocks(config, seed)
+    measured = np.asarray(_measure(scene, jnp.asarray(some), lens, config.width))
+    # The same mesh with its blocks sunk under the ground is the formula's own scene.
+    sunk = eqx.tree_at(lambda mesh: mesh.vertices, scene, scene.vertices.at[8:, 1].add(-5.0))
+    bare = np.asarray(_measure(sunk, jnp.asarray(some), lens, config.width))[:-1]
     formula = values.min(axis=-1)[chosen].reshape(-1)
-    return Found(float(phi), lower, upper, search, values.min(axis=-1), axes[:3], slopes, formula, measured[:-1],
+    return Found(float(phi), lower, upper, search, values.min(axis=-1), axes[:3], slopes, formula, bare, measured[:-1],
                  float(measured[-1]), float(np.asarray(_many(jnp.asarray(beside), lens)).min()))  # fmt: skip
 
 
@@ -230,7 +238,8 @@ def claims(result: Result) -> tuple[Claim, ...]:
     near = np.array([one.beside - one.search.loss for one in found])
     reached = [one.search.reached(NEARLY) for one in found]
     starts = sum(len(one.search.losses) for one in found)
-    ranks = np.array([spearmanr(one.formula, one.measured).statistic for one in found])
+    ranks = np.array([spearmanr(one.formula, one.measured)[0] for one in found])
+    bare = [np.abs(np.exp(one.formula - one.bare) - 1).max() for one in found]
     lost = np.exp([one.here - one.measured.min() for one in found])
     worse = np.exp([np.median(one.measured) - one.here for one in found])
     held = sum(bool(one.search.at_bound.any()) for one in found)
@@ -255,9 +264,11 @@ def claims(result: Result) -> tuple[Claim, ...]:
             f"{sum(one.search.converged for one in found)} of {len(found)} have converged, {held} on a bound; largest "
             f"free slope {max(one.search.slope for one in found):.2g}", "a reason each",
         ),
+        at_most("formula against measured texels on the bare ground, relative", bare, 0.1),
         Claim(
-            "the formula of the bare ground ranks places among blocks", bool((ranks >= 0.9).all()),
-            f"rank correlation {ranks.min():.3f} to {ranks.max():.3f}", "at least 0.9",
+            "refuted: blocks leave the ranks of places as they are", bool((ranks < 0.99).any()),
+            f"rank correlation of formula and measurement {ranks.min():.3f} to {ranks.max():.3f}",
+            "below 0.99 somewhere",
         ),
         at_most("measured at the answer, over the best place that was measured", lost, 1.1),
         Claim(
@@ -276,7 +287,7 @@ def numbers(result: Result) -> dict[str, Any]:
                 "phi_deg": np.degrees(one.phi), "lower": one.lower, "upper": one.upper,
                 "camera_sun_turn_bend": one.search.parameters, "log_error": one.search.loss, "ends": one.search.ends,
                 "losses": one.search.losses, "reasons": one.search.reasons, "slope": one.search.slope,
-                "grid": one.grid.min(), "formula": one.formula, "measured": one.measured, "measured_here": one.here,
+                "grid": one.grid.min(), "formula": one.formula, "bare": one.bare, "measured": one.measured, "measured_here": one.here,
             }
             for one in result.found
         ]
@@ -315,6 +326,7 @@ def draw(result: Result) -> Figure:
     for index, one in enumerate(result.found):
         over = np.maximum(np.sort(one.search.losses) - one.search.loss, 1e-9)
         right.semilogy(np.arange(len(over)) + 1, over, ".-", color=PALETTE[index % len(PALETTE)])
+    right.xaxis.get_major_locator().set_params(integer=True)
     right.axhline(NEARLY, color="k", lw=0.8)
     label(right, "start, best first", "excess of ln m", "Ends of all starts")
     return figure

@@ -160,13 +160,12 @@ class ExpectedError(eqx.Module):
         fractions = np.random.default_rng(0).uniform(size=(len(points), num_placements, 2))
         fine = ShadowMapping(Hard(), finer * resolution, Whole(PerspectiveFit("generalised")), caster)
         made = fine.build(scene.mesh, light, scene.camera).maps[0]
-        published = _published(scene.mesh, light, scene.camera)
         found = cls(
             points, normals, _truth(view, scene, light, sun_radius, caster).reshape(-1), power / jnp.sum(power),
             jnp.asarray(fractions, points.dtype), scene.mesh, light, scene.camera, made,
-            jnp.ones(len(points), points.dtype), published, resolution,
+            jnp.ones(len(points), points.dtype), jnp.ones(3, points.dtype), resolution,
         )  # fmt: skip
-        return eqx.tree_at(lambda x: x.scale, found, _scale(found, softness))
+        return eqx.tree_at(lambda x: (x.published, x.scale), found, _defaults(found, softness))
 
     def grid(self, bend: Scalar) -> RayGrid:
         """The map's light rays for a bend."""
@@ -230,20 +229,16 @@ class ExpectedError(eqx.Module):
 
 
 @eqx.filter_jit
-def _published(mesh: Mesh, light: DirectionalLight, camera: Camera) -> Float[Array, "3"]:
-    """Bend of eq. 42 and 44, the least bias that frees planes of acne, and taps a texel apart."""
-    frustum = light_frustum(camera, light.direction, *visible_range(camera, mesh))
+def _defaults(expected: ExpectedError, softness: float) -> tuple[Float[Array, "3"], Float[Array, "points"]]:
+    """Bend of eq. 42 and 44, the least bias that frees planes of acne, and taps a texel apart; and the depth over which
+    tests are softened: a part of the slope with these settings, and a trace of a texel."""
+    camera = expected.camera
+    frustum = light_frustum(camera, expected.light.direction, *visible_range(camera, expected.mesh))
     bend = frustum.extent / (frustum.extent + generalised(frustum))
     bias = OffsetPercentageCloser(jnp.asarray(PATTERN, bend.dtype), 1.0).bias_reach
-    return jnp.stack([bend, bias * jnp.ones_like(bend), jnp.ones_like(bend)])
-
-
-@eqx.filter_jit
-def _scale(expected: ExpectedError, softness: float) -> Float[Array, "points"]:
-    """Depth over which tests are softened: a part of the slope at the default settings, and a trace of a texel."""
-    grid = expected.grid(expected.published[0])
-    slope = depth_slope(grid, expected.points, expected.normals)
-    return softness * slope + 1e-3 * texel_size(grid, expected.points)
+    grid = expected.grid(bend)
+    scale = softness * depth_slope(grid, expected.points, expected.normals) + 1e-3 * texel_size(grid, expected.points)
+    return jnp.stack([bend, bias * jnp.ones_like(bend), jnp.ones_like(bend)]), scale
 
 
 @eqx.filter_jit
