@@ -35,7 +35,7 @@ from shadowjax.optimize.expected import ExpectedError, Settings, error_and_slope
 from shadowjax.plotting import PALETTE, label, new_figure, show_image, styled
 
 LOWER, UPPER = np.array([0.0, 0.0, 0.05]), np.array([0.97, 6.0, 3.0])  # of bend, bias and width
-MOST_STEPS = 30  # of a search
+MOST_STEPS = 20  # of a search
 NEARLY = 0.02  # relative excess of an error that counts as the best
 DEFAULT, APART, JOINT = "default", "one at a time", "all at once"
 
@@ -54,13 +54,13 @@ class Config:
         num_tried: Settings along each axis of the grid that is tried, ≥ 2.
     """
 
-    scenes: tuple[str, ...] = ("colonnade", "fence", "cubes")
+    scenes: tuple[str, ...] = ("colonnade", "cubes")
     num_suns: int = 3
-    num_starts: int = 4
-    width: int = 96
+    num_starts: int = 3
+    width: int = 80
     resolution: int = 128
     sun_radius_deg: float = 1.5
-    num_tried: int = 4
+    num_tried: int = 3
 
     def __post_init__(self):
         for name in self.scenes:
