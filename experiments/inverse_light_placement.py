@@ -170,7 +170,7 @@ def _measure(mesh: Mesh, points: Array, phi: Array, width: int) -> Array:
         grid = RayGrid(space, warp, jnp.asarray(1000.0), width, width)
         found = aliasing_map(camera_grid(camera, width, width), grid, surface.points, surface.normals)
         each = found.perspective * jnp.minimum(found.projection, STEEPEST)
-        return jnp.log(jnp.sum(jnp.where(valid, each, 0.0)) / jnp.sum(valid))
+        return jnp.log(jnp.sum(jnp.where(valid, each, 0.0)) / jnp.sum(valid.astype(each.dtype)))
 
     return jax.lax.map(one, points)
 

@@ -16,6 +16,7 @@ too light (orange). Below: the map's own errors; softened against measured error
 and where every start ends.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -130,7 +131,7 @@ def _expected(config: Config, name: str, seed: int) -> ExpectedError:
     sun = DirectionalLight.create(direction, dtype=jnp.float64)
     scene = eqx.tree_at(lambda s: s.lights, scene, (sun,))
     return ExpectedError.create(
-        scene, config.width, config.width * 3 // 4, config.resolution, sun_radius=np.radians(config.sun_radius_deg)
+        scene, config.width, config.width * 3 // 4, config.resolution, sun_radius=math.radians(config.sun_radius_deg)
     )
 
 
