@@ -1,0 +1,135 @@
+"""Vertices moved by descent on pictures: steps are spread over the mesh, and the end is told."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from shadowjax._checks import require, require_int
+from shadowjax._types import Float, Int
+
+# Memory of slopes and of their squares; and the part of the first loss that a settled search may still lose.
+MEAN, SQUARE, SETTLED = 0.8, 0.95, 0.05
+
+ValueAndSlope = Callable[[np.ndarray], tuple[float, Any, np.ndarray]]
+
+
+class Descent(eqx.Module):
+    """A descent, and whether it came to an end.
+
+    Attributes:
+        losses: Of every step, and after the last.
+        vertices: Of every step, and after the last; (steps + 1) × vertices × 3.
+        others: What the function gave beside loss and slope, of every step and after the last.
+        finite: Whether all losses and slopes were finite; the descent stops at the first that is not.
+        converged: Whether the loss is as small as asked for, or the last tenth of the steps hardly changed it,
+            were they as long as the first.
+        reason: Why it ended.
+    """
+
+    losses: np.ndarray
+    vertices: np.ndarray
+    others: tuple[Any, ...]
+    finite: bool
+    converged: bool
+    reason: str
+
+    @property
+    def fall(self) -> float:
+        """First loss over the last; a loss of 0 counts as the smallest number."""
+        return float(self.losses[0] / max(self.losses[-1], np.finfo(np.float64).tiny))
+
+
+def diffuser(faces: Int[np.ndarray, "faces 3"], num_vertices: int, amount: float) -> Float[np.ndarray, "n n"]:
+    """(1 + λL)⁻¹ of the mesh's graph: spreads a change over neighbours, keeps the change of all by the same.
+
+    Args:
+        faces: Of the mesh; triangles whose corners coincide join nothing.
+        num_vertices: Of the mesh.
+        amount: λ, ≥ 0; L is the graph's Laplacian.
+
+    Raises:
+        ValueError: If the amount is negative.
+    """
+    require(amount >= 0, f"the amount of diffusion must not be negative; got {amount}")
+    graph = np.zeros((num_vertices, num_vertices))
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        graph[faces[:, a], faces[:, b]] = graph[faces[:, b], faces[:, a]] = 1
+    np.fill_diagonal(graph, 0)
+    laplacian = np.diag(graph.sum(1)) - graph
+    return np.linalg.inv(np.eye(num_vertices) + amount * laplacian)
+
+
+def descend(
+    value_and_slope: ValueAndSlope,
+    start: Float[np.ndarray, "n 3"],
+    spread: Float[np.ndarray, "n n"],
+    num_steps: int,
+    rate: float,
+    target: float = 0.0,
+) -> Descent:
+    """Adam with one scale for all numbers, on displacements that are spread over the mesh.
+
+    One scale keeps small slopes small: vertices that no shadow's edge depends on move with their neighbours only.
+    The rate falls to a tenth along half a cosine.
+
+    Args:
+        value_and_slope: Vertices → loss, what goes with it, and slope.
+        start: Vertices.
+        spread: From `diffuser`.
+        num_steps: Most steps, ≥ 1.
+        rate: Length of a first step before it is spread, world units, > 0.
+        target: Loss that ends the descent, ≥ 0.
+
+    Raises:
+        ValueError: If a number is out of range, or the start is not finite.
+    """
+    require_int(num_steps, "num_steps", 1)
+    require(rate > 0, f"rate must be positive; got {rate}")
+    require(target >= 0, f"target must not be negative; got {target}")
+    require(bool(np.isfinite(start).all()), "the start must be finite; some vertices are NaN or infinite")
+    moved, mean, square = (np.zeros_like(start) for _ in range(3))
+    losses, places, others, reason, finite, converged = [], [], [], "", True, False
+    for step in range(num_steps + 1):
+        vertices = start + spread @ moved
+        loss, other, slope = value_and_slope(vertices)
+        losses.append(float(loss))
+        places.append(vertices)
+        others.append(other)
+        finite = bool(np.isfinite(loss) and np.isfinite(slope).all())
+        if not finite:
+            reason = f"loss or slope is not finite at step {step}"
+            break
+        if loss <= target:
+            reason, converged = "the loss is as small as asked for", True
+            break
+        downhill = spread.T @ slope
+        if not downhill.any():
+            reason = "the loss has no slope: no vertex makes an edge of a shadow that matters; start elsewhere"
+            break
+        mean = MEAN * mean + (1 - MEAN) * downhill
+        square = SQUARE * square + (1 - SQUARE) * downhill**2
+        scale = math.sqrt(square.max() / (1 - SQUARE ** (step + 1))) + 1e-12
+        moved = moved - rate * _share(step, num_steps) * mean / (1 - MEAN ** (step + 1)) / scale
+    if not reason:
+        # Short steps lose little wherever they are, so what they lost is told as if they had been as long as the first.
+        last = max(1, num_steps // 10)
+        shares = sum(_share(step, num_steps) for step in range(num_steps - last, num_steps)) / last
+        left = (losses[-1 - last] - losses[-1]) / losses[0] / shares
+        converged = abs(left) < SETTLED
+        reason = (
+            f"{num_steps} steps are done; the last {last} lowered the loss by {left:.1%} of the first, for full rate"
+        )
+        if not converged:
+            reason += ": raise num_steps"
+    return Descent(np.array(losses), np.stack(places), tuple(others), finite, converged, reason)
+
+
+def _share(step: int, num_steps: int) -> float:
+    """Part of the first rate that a step has."""
+    return 0.55 + 0.45 * math.cos(math.pi * step / num_steps)
+
+
+__all__ = ["Descent", "ValueAndSlope", "descend", "diffuser"]
