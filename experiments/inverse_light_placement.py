@@ -25,6 +25,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from scipy.stats import spearmanr
 
 from experiments.base import Claim
@@ -295,11 +296,14 @@ def numbers(result: Result) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _chart(spot: Any, one: Found) -> None:
+def _chart(figure: Figure, spot: Any, one: Found) -> None:
     """ln m over the sun's place, for the camera that is best on the grid."""
     camera = int(one.grid.min(axis=(1, 2)).argmin())
     turns, heights = np.degrees(one.axes[2]), np.degrees(one.axes[1])
-    spot.contourf(turns, heights, one.grid[camera], 16, cmap="cividis")
+    shown = spot.contourf(turns, heights, one.grid[camera], 16, cmap="cividis")
+    bar = figure.colorbar(shown, ax=spot, label="ln of the mean pixels a texel", format="%.1f")
+    bar.locator = MaxNLocator(5)
+    bar.update_ticks()
     spot.set_xticks([-180, -90, 0, 90, 180])
     label(spot, "sun's turn (degrees)", "sun's height (degrees)", "")
 
@@ -310,13 +314,13 @@ def draw(result: Result) -> Figure:
     figure, axes = new_figure(11.8, 4.0, 1, 3)
     left, middle, right = axes[0]
     first = result.found[0]
-    _chart(left, first)
+    _chart(figure, left, first)
     near = first.search.losses <= first.search.loss + NEARLY
     for chosen, color, name in ((~near, "w", "another end"), (near, PALETTE[1], "the best end")):
         turn, height = np.degrees(first.search.ends[chosen, 2]), np.degrees(first.search.ends[chosen, 1])
         left.plot(turn, height, "o", color=color, markeredgecolor="k", label=name, clip_on=False)
-    left.legend(fontsize=8, loc="lower center", ncols=2)
-    left.set_title("ln m by formula, and where searches end", loc="left")
+    left.legend(fontsize=8, loc="lower center", ncols=2, frameon=True, facecolor="w", framealpha=0.9)
+    left.set_title("Formula, and ends of searches", loc="left")
     for index, one in enumerate(result.found):
         color = PALETTE[index % len(PALETTE)]
         middle.loglog(np.exp(one.formula), np.exp(one.measured), ".", color=color, ms=4)
@@ -343,7 +347,7 @@ def animate(result: Result) -> list[Figure]:
     for index in shown:
         figure, axes = new_figure(7.2, 2.8, 1, 2)
         chart, bars = axes[0]
-        _chart(chart, one)
+        _chart(figure, chart, one)
         path = np.degrees(history[: index + 1])
         chart.plot(path[:, 2], path[:, 1], "-", color="w")
         chart.plot(path[-1, 2], path[-1, 1], "o", color=PALETTE[1], markeredgecolor="k", clip_on=False)

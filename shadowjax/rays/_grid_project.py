@@ -1,5 +1,6 @@
 """A grid's view of a mesh: vertices on its plane, keys that order hits, the cells a vertex bounds, tables of cells."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -75,16 +76,20 @@ def general_mark(dtype: Any) -> int:
 
 
 def project(grid: RayGrid, vertices: Float[Array, "vertices 3"]) -> Float[Array, "3 vertices"]:
-    """Rows x, y, w of vertices, on the plane at (x/w, y/w); for parallel rays, on the plane at (x, y) and w is depth.
+    """Rows x, y, w of vertices: at (x/w, y/w) on the plane; for parallel rays, at (x, y), and w is depth."""
+    return jnp.stack(coordinates(grid.space, [vertices[:, axis] for axis in range(3)]))
+
+
+def coordinates(space: LightSpace, points: Sequence[Float[Array, "n"]]) -> tuple[Array, Array, Array]:
+    """As `project`, of points given as three arrays x, y, z.
 
     Sums are written out: a matrix product is slower here and may run at a lower precision on an accelerator.
     """
-    space = grid.space
     assert isinstance(space, DirectionalSpace | PerspectiveSpace)
     origin = space.origin if isinstance(space, DirectionalSpace) else space.position
-    offset = [vertices[:, axis] - origin[axis] for axis in range(3)]
+    offset = [points[axis] - origin[axis] for axis in range(3)]
     x, y, z = (offset[0] * row[0] + offset[1] * row[1] + offset[2] * row[2] for row in space.frame)
-    return jnp.stack([x, z, -y] if isinstance(space, DirectionalSpace) else [x, y, z])
+    return (x, z, -y) if isinstance(space, DirectionalSpace) else (x, y, z)
 
 
 def place(grid: RayGrid, table: View, vertices: Float[Array, "vertices 3"]) -> Vertices:

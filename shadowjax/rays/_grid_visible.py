@@ -6,10 +6,11 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import lax
 
+from shadowjax._numerics import map_in_chunks
 from shadowjax._types import Array, Bool, Float, Points, UInt
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays._grid_general import LEAST_KEY
-from shadowjax.rays._grid_project import place, view
+from shadowjax.rays._grid_project import coordinates, place, view
 from shadowjax.rays._grid_tiles import (
     CHUNK,
     HALF,
@@ -23,13 +24,16 @@ from shadowjax.rays._grid_tiles import (
     number,
     put,
 )
-from shadowjax.rays.caster import shadow_limits, surface_gap
-from shadowjax.rays.light_space import DirectionalSpace, LightSpace
+from shadowjax.rays.caster import surface_gap
+from shadowjax.rays.light_space import LEAST_FORWARD, DirectionalSpace, LightSpace, PerspectiveSpace
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 
 # Points that are tested together, and the points that a cell holds on average.
 LANES, FILL = 16, 4
+# Points that are sorted together, at least, and for each triangle: every chunk walks through all triangles. Many points
+# at once need so much memory that the system hands it out, and clears it, in every call: a quarter of the time.
+POINTS, POINTS_PER_TRIANGLE = 1 << 19, 4
 # The most cells along a side.
 MOST_CELLS = 1024
 # Cells of a row over which a triangle is compared with all points at once.
@@ -90,20 +94,43 @@ def lit(
     Source: alias-free shadow maps and the irregular z-buffer, as cited by mdsm.
     """
     shape = points.shape[:-1]
-    flat = points.reshape(-1, 3)
-    asked = _project(mesh, space, flat, None if normals is None else normals.reshape(-1, 3))
-    dark = _blocked(mesh, space, asked, far)
-    return (asked.facing & ~dark).reshape(shape)
+    gap = surface_gap(mesh)
+
+    def search(points: Array, normals: Array | None = None) -> Array:
+        asked = _project(space, points, normals, gap)
+        return asked.facing & ~_blocked(mesh, space, asked, far)
+
+    given = (points,) if normals is None else (points, normals)
+    given = tuple(x.reshape(-1, 3) for x in given)
+    size = max(POINTS, POINTS_PER_TRIANGLE * mesh.num_faces)
+    return map_in_chunks(lambda x: search(*x), given, size).reshape(shape)
 
 
-def _project(mesh: Mesh, space: LightSpace, points: Float[Array, "points 3"], normals: Array | None) -> Asked:
-    """The rays of all points."""
-    plane, limit, facing = shadow_limits(space, points, normals, surface_gap(mesh))
-    u, v = plane[:, 0], plane[:, 1]
-    counts = facing & (limit > 0)
-    if not isinstance(space, DirectionalSpace):
-        limit = -jnp.sqrt(1 + u * u + v * v) / jnp.where(limit > 0, limit, jnp.ones_like(limit))
-    return Asked(u, v, limit, counts, facing)
+def _project(space: LightSpace, points: Float[Array, "points 3"], normals: Array | None, gap: Array) -> Asked:
+    """The rays of points: `shadow_limits`, without an array of three numbers a point on the way."""
+    parts = [points[:, axis] for axis in range(3)]
+    if isinstance(space, DirectionalSpace):
+        to_source = [jnp.broadcast_to(number, parts[0].shape) for number in space.frame[1]]
+    else:
+        assert isinstance(space, PerspectiveSpace)
+        towards = [space.position[axis] - part for axis, part in enumerate(parts)]
+        away = jnp.sqrt(towards[0] * towards[0] + towards[1] * towards[1] + towards[2] * towards[2])
+        to_source = [part / jnp.where(away > 0, away, jnp.ones_like(away)) for part in towards]
+    side = to_source if normals is None else [normals[:, axis] for axis in range(3)]
+    facing = to_source[0] * side[0] + to_source[1] * side[1] + to_source[2] * side[2] > 0
+    x, y, w = coordinates(space, [part + gap * raised for part, raised in zip(parts, side, strict=True)])
+    if isinstance(space, DirectionalSpace):
+        u, v, limit = x, y, w - gap
+        counts = facing & (limit > 0)
+    else:
+        length = jnp.sqrt(x * x + y * y + w * w)
+        reached = w > LEAST_FORWARD * length
+        safe = jnp.where(reached, w, jnp.ones_like(w))
+        u, v, limit = x / safe, y / safe, length - gap
+        counts = facing & reached & (limit > 0)
+        limit = -jnp.sqrt(1 + u * u + v * v) / jnp.where(counts, limit, jnp.ones_like(limit))
+    # One copy in memory: otherwise every loop that reads them computes the projection again.
+    return lax.optimization_barrier(Asked(u, v, limit, counts, facing))
 
 
 def _blocked(mesh: Mesh, space: LightSpace, asked: Asked, far: Float[Array, ""]) -> Bool[Array, "points"]:
@@ -167,11 +194,17 @@ def _done(dtype: Any) -> Array:
 def _bounding_box(asked: Asked) -> Box:
     """A box on the plane that holds all points that count, none on its border, with no side of 0."""
     dtype = asked.u.dtype
-    most = jnp.finfo(dtype).max
+    most = jnp.asarray(jnp.finfo(dtype).max, dtype)
     some = jnp.any(asked.counts)
+
+    def extreme(part: Array, worst: Array, better: Callable) -> Array:
+        # Not `min` and `max`: XLA hands those to a library, which reads masked copies of the points from memory.
+        found = lax.reduce(jnp.where(asked.counts, part, worst), worst, better, (0,))
+        return jnp.where(some, found, jnp.where(worst > 0, 0.0, 1.0).astype(dtype))
+
     where = (asked.u, asked.v)
-    lowest = jnp.stack([jnp.where(some, jnp.min(jnp.where(asked.counts, part, most)), 0.0) for part in where])
-    highest = jnp.stack([jnp.where(some, jnp.max(jnp.where(asked.counts, part, -most)), 1.0) for part in where])
+    lowest = jnp.stack([extreme(part, most, less) for part in where])
+    highest = jnp.stack([extreme(part, -most, more) for part in where])
     wider = 1e-3 * (highest - lowest) + 1e-6 * (jnp.abs(lowest) + jnp.abs(highest)) + jnp.finfo(dtype).tiny ** 0.25
     return Box(lowest - wider, highest + wider)
 

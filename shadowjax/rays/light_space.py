@@ -16,6 +16,8 @@ PlanePoints = Float[Array, "*points 2"]
 
 # A plane position that lies outside every map, for points that no ray of the light reaches.
 UNREACHED = 1e6
+# Least part of a point's distance that lies ahead, for a ray of a spot light or a camera to reach it.
+LEAST_FORWARD = 1e-6
 
 
 class LightSpace(eqx.Module):
@@ -83,7 +85,7 @@ class PerspectiveSpace(LightSpace):
     def project(self, points: Points) -> tuple[PlanePoints, Float[Array, "*points"]]:
         """Tangents of the angles to forward, and distance; points at or behind the position lie outside every map."""
         local = rotate(points - self.position, self.frame)
-        in_front = local[..., 2:] > 1e-6 * norm(local, keepdims=True)
+        in_front = local[..., 2:] > LEAST_FORWARD * norm(local, keepdims=True)
         plane = local[..., :2] / jnp.where(in_front, local[..., 2:], jnp.ones_like(local[..., 2:]))
         return jnp.where(in_front, plane, jnp.full_like(plane, UNREACHED)), norm(local)
 

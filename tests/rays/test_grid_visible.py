@@ -9,6 +9,7 @@ from grids import padded, turned
 from shapes import plate_over_plane, random_soup
 
 from shadowjax import BruteForce, Mesh, shading, visibility_on
+from shadowjax.rays import _grid_visible
 from shadowjax.rays.grid import Grid
 from shadowjax.rays.light_space import DirectionalSpace, OctahedralSpace, PerspectiveSpace
 from shadowjax.shading import Surface
@@ -163,3 +164,17 @@ def test_exact_shadows_of_a_picture_come_in_bands(monkeypatch):
     assert 0.05 < want.mean() < 0.95
     # Another program may round a shadow's edge otherwise.
     assert np.mean(got != want) <= 0.005
+
+
+def test_points_in_chunks_get_the_same_answers(monkeypatch):
+    dtype = jnp.float32
+    mesh = padded(random_soup(SOUP, 3, dtype))
+    points, normals = surface(mesh)
+    space = spaces(dtype)["directional"]
+    whole = np.asarray(jitted_grid(mesh, space, points, normals))
+    # The last chunk is not full.
+    monkeypatch.setattr(_grid_visible, "POINTS", 200)
+    monkeypatch.setattr(_grid_visible, "POINTS_PER_TRIANGLE", 0)
+    assert ROWS * COLS % 200
+    chunked = eqx.filter_jit(lambda *given: Grid().visible(*given))(mesh, space, points, normals)
+    np.testing.assert_array_equal(chunked, whole)
