@@ -216,8 +216,10 @@ def _search(config: Config, seed: int) -> Found:
     step = 1e-6
     central = [(both(starts[0] + step * unit)[0] - both(starts[0] - step * unit)[0]) / (2 * step) for unit in np.eye(4)]
     slopes = np.asarray(both(starts[0])[1]), np.array([float(x) for x in central])
-    chosen = np.ix_(*(np.linspace(0, n - 1, m + (n == 24)).astype(int)[:m]
-                      for n, m in zip(STEPS[:3], MEASURED, strict=True)))  # fmt: skip
+    cameras, heights = (np.linspace(0, STEPS[k] - 1, MEASURED[k]).astype(int) for k in range(2))
+    # The last turn is the first one.
+    turns = np.linspace(0, STEPS[2] - 1, MEASURED[2] + 1).astype(int)[:-1]
+    chosen = np.ix_(cameras, heights, turns)
     best = np.take_along_axis(points, values.argmin(axis=-1)[..., None, None], axis=-2)[..., 0, :]
     some = np.concatenate([best[chosen].reshape(-1, 4), search.parameters[None]])
     scene = _blocks(config, seed)

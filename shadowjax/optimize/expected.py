@@ -38,8 +38,8 @@ from shadowjax.warps.fit import PerspectiveFit, corners, light_frustum, padded, 
 from shadowjax.warps.lispsm import generalised
 from shadowjax.warps.perspective import PerspectiveWarp
 
-# Bilinear taps along an axis, and their places for a kernel of width 1.
 SUN_RAYS = 12  # directions that stand for the sun's disc
+# Places of the bilinear taps for a kernel of width 1.
 PATTERN = np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), axis=-1).reshape(-1, 2)
 
 

@@ -32,7 +32,7 @@ from shadowjax.rays.ray_grid import RayGrid
 # Points that are tested together, and the points that a cell holds on average.
 LANES, FILL = 16, 4
 # Points that are sorted together, at least, and for each triangle: every chunk walks through all triangles. Many points
-# at once need so much memory that the system hands it out, and clears it, in every call: a quarter of the time.
+# at once need so much memory that the system hands it out, and clears it, in every call.
 POINTS, POINTS_PER_TRIANGLE = 1 << 19, 4
 # The most cells along a side.
 MOST_CELLS = 1024
