@@ -32,7 +32,7 @@ class CapabilityTable(SphinxDirective):
             ),
         )
         return [
-            table(["technique or function", *PARAMETERS], [28, *[9] * len(PARAMETERS)], rows, "techniques"),
+            table(["technique or function", *PARAMETERS], [28, *[9] * len(PARAMETERS)], rows, "grades"),
             meanings,
         ]
 
