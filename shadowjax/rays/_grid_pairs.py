@@ -17,7 +17,7 @@ WINDOW = 1 << 17
 
 
 def search_pairs(
-    grid: RayGrid, table: View, mesh: Mesh, vertices: Vertices, with_face: bool
+    grid: RayGrid, table: View, mesh: Mesh, vertices: Vertices, with_face: bool, floor: Array | None = None
 ) -> tuple[Array, Array | None]:
     """As `_grid_tiles.search_tiles`, without loops over triangles.
 
@@ -25,7 +25,7 @@ def search_pairs(
     worked on until all are done, so nothing can overflow. Depth agrees with the other search to a few roundings, ties
     between equal keys go to the lowest face.
     """
-    tiles = tiles_of(grid, table, SMALL)
+    tiles = tiles_of(grid, table, SMALL, floor)
     affine = tiles.u.shape[0] != tiles.num_rows * tiles.num_cols
     num_faces = mesh.num_faces
     chunk, window = min(CHUNK, num_faces), WINDOW
@@ -53,6 +53,8 @@ def search_pairs(
             u, v = tiles.u[col if affine else index], tiles.v[row if affine else index]
             keys, inside = general_test(list(made.numbers[:, triangle, None]), u, v)
             inside &= (pair < ends[-1])[:, None]
+            if tiles.floor is not None:
+                inside &= keys >= tiles.floor[index]
             keys = jnp.where(inside, keys, jnp.asarray(never(keys.dtype), keys.dtype))
             return _scatter(buffers, index, keys, first + triangle)
 

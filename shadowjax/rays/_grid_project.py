@@ -181,6 +181,19 @@ def depth_of_key(grid: RayGrid, table: View, key: Float[Array, "rows cols"]) -> 
     missed = key >= table.start
     if isinstance(grid.space, DirectionalSpace):
         return jnp.where(missed, grid.far, key)
+    return jnp.where(missed, grid.far, _along(table) / jnp.where(missed, 1.0, -key))
+
+
+def key_of_depth(grid: RayGrid, table: View, depth: Float[Array, "rows cols"]) -> Float[Array, "rows cols"]:
+    """Key of a distance along each cell's unit ray: the inverse of `depth_of_key`; finite, also at no distance."""
+    if isinstance(grid.space, DirectionalSpace):
+        return depth
+    along = _along(table)
+    # Nearer than half of the nearest w lies no hit.
+    return -along / jnp.maximum(depth, 0.5 * table.nearest * along)
+
+
+def _along(table: View) -> Float[Array, "rows cols"]:
+    """Distance along each cell's ray for a unit of w, for rays through a point."""
     u, v = (table.u[None, :], table.v[:, None]) if table.u.ndim == 1 else (table.u, table.v)
-    along = jnp.sqrt(1 + u * u + v * v)
-    return jnp.where(missed, grid.far, along / jnp.where(missed, 1.0, -key))
+    return jnp.sqrt(1 + u * u + v * v)

@@ -37,6 +37,7 @@ class Tiles(NamedTuple):
         v: Of every row of tiles for an affine map, else of every tile.
         num_rows, num_cols: Tiles down and across.
         width: Cells across a tile, a power of 2; `ROWS` cells down.
+        floor: Least key of every cell that counts, a line for every tile; None if all count.
     """
 
     u: Float[Array, "n lanes"]
@@ -44,12 +45,17 @@ class Tiles(NamedTuple):
     num_rows: int
     num_cols: int
     width: int
+    floor: Float[Array, "n lanes"] | None = None
 
     def at(self, row: Index, col: Index) -> tuple[Index, Array, Array]:
         """Index of a tile, and the coordinates of its cells, one line each."""
         index = row * self.num_cols + col
         affine = self.u.shape[0] != self.num_rows * self.num_cols
         return index, line(self.u, col if affine else index), line(self.v, row if affine else index)
+
+    def counts(self, index: Index, keys: Array, inside: Array) -> Array:
+        """Which hits of a tile reach the floor."""
+        return inside if self.floor is None else inside & (keys >= line(self.floor, index))
 
 
 def number(array: Array, *index: Index | int) -> Array:
@@ -95,7 +101,7 @@ def from_tiles(lines: Array, rows: int, cols: int) -> Array:
     return blocks.reshape(down * ROWS, across * width)[:rows, :cols]
 
 
-def tiles_of(grid: RayGrid, table: View, width: int) -> Tiles:
+def tiles_of(grid: RayGrid, table: View, width: int, floor: Array | None = None) -> Tiles:
     """Tables of a grid's tiles."""
     down, across = -(-grid.num_rows // ROWS), -(-grid.num_cols // width)
     require(
@@ -108,7 +114,9 @@ def tiles_of(grid: RayGrid, table: View, width: int) -> Tiles:
     else:
         u, v = table.u, table.v
     u, v = lax.optimization_barrier((to_tiles(u, width), to_tiles(v, width)))
-    return Tiles(u, v, down, across, width)
+    # In memory, as u and v are: otherwise every tile would compute it again.
+    lines = None if floor is None else lax.optimization_barrier(to_tiles(floor, width))
+    return Tiles(u, v, down, across, width, lines)
 
 
 def tile_width(dtype: Any, with_face: bool, is_sparse: bool) -> int:
@@ -119,15 +127,16 @@ def tile_width(dtype: Any, with_face: bool, is_sparse: bool) -> int:
 
 
 def search_tiles(
-    grid: RayGrid, table: View, mesh: Mesh, vertices: Vertices, with_face: bool
+    grid: RayGrid, table: View, mesh: Mesh, vertices: Vertices, with_face: bool, floor: Array | None = None
 ) -> tuple[Array, Array | None]:
     """Key of the nearest hit of every cell, and its face (−1 for none) if asked for.
 
-    Time grows with triangles and with the tiles of their boxes; no list can overflow.
+    Time grows with triangles and with the tiles of their boxes; no list can overflow. With a floor (rows, cols), only
+    keys from there on count.
     """
     num_cells = grid.num_rows * grid.num_cols
     width = tile_width(table.start.dtype, with_face, SPARSE * mesh.num_faces < num_cells)
-    tiles = tiles_of(grid, table, width)
+    tiles = tiles_of(grid, table, width, floor)
     corners = lax.bitcast_convert_type(mesh.faces.astype(jnp.int32), jnp.uint32)
     num_faces = mesh.num_faces
     size = min(CHUNK, num_faces)
@@ -224,7 +233,7 @@ def _draw(
         face = number(work, 0, w)
         index, u, v = tiles.at(row, col)
         keys, inside = cover(plane, corners, face, u, v)
-        buffers = merge(buffers, index, keys, inside, face)
+        buffers = merge(buffers, index, keys, tiles.counts(index, keys, inside), face)
         return buffers, *_following(work, w, row, col)
 
     begin = number(work, 1, 0) >> 16, number(work, 2, 0) >> 16
@@ -303,7 +312,8 @@ def _draw_general(
             buffers, w, row, col = state
             index, u, v = tiles.at(row, col)
             keys, inside = general_cover(numbers, w, u, v)
-            return merge(buffers, index, keys, inside, number(work, 0, w)), *_following(work, w, row, col)
+            buffers = merge(buffers, index, keys, tiles.counts(index, keys, inside), number(work, 0, w))
+            return buffers, *_following(work, w, row, col)
 
         state = buffers, jnp.uint32(0), number(work, 1, 0) >> 16, number(work, 2, 0) >> 16
         return lax.while_loop(lambda state: state[1] < present, step, state)[0]

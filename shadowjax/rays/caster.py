@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from shadowjax._checks import require
 from shadowjax._numerics import dot, map_in_chunks
 from shadowjax._types import Array, Bool, Float, Int, Points, Scalar
 from shadowjax.geometry.mesh import Mesh
@@ -37,6 +38,23 @@ class Caster(eqx.Module):
         """Depth alone of every ray of a grid; casters that can find it faster override this."""
         return self.closest_on_grid(mesh, grid).depth
 
+    def closest_beyond_on_grid(self, mesh: Mesh, grid: RayGrid, start_depth: Float[Array, "rows cols"]) -> Hit:
+        """First hit of every ray of a grid from a depth of its own on: what depth peeling asks for.
+
+        Args:
+            mesh: What is cast.
+            grid: The rays.
+            start_depth: Least depth that counts along each ray, world units, ≥ 0. No gradient passes through it.
+
+        Returns:
+            The hit, with depth from where the rays of the grid start; a miss where nothing follows up to `grid.far`.
+
+        Raises:
+            ValueError: If there is not one start for each ray.
+        """
+        rays = grid.rays()
+        return self.closest(mesh, Rays(rays.origins, rays.directions, checked_start(grid, start_depth), rays.t_max))
+
     def prepared(self, mesh: Mesh) -> "Caster":
         """A caster for many casts of one mesh: the same one, or one that holds what it would build in every cast."""
         del mesh
@@ -66,6 +84,17 @@ class Caster(eqx.Module):
         """
         rays, facing = shadow_rays(mesh, space, points, normals)
         return facing & ~self.closest(mesh, rays).is_hit
+
+
+def checked_start(grid: RayGrid, start_depth: Float[Array, "..."]) -> Float[Array, "rows cols"]:
+    """Depths to start from, if there is one for each ray of a grid; constant."""
+    shape = (grid.num_rows, grid.num_cols)
+    require(
+        start_depth.shape == shape,
+        f"start_depth must have the shape of the grid, {shape}; got {start_depth.shape}; for one depth for all rays, "
+        "use jnp.full(shape, depth)",
+    )
+    return jax.lax.stop_gradient(start_depth).astype(grid.far.dtype)
 
 
 def surface_gap(mesh: Mesh) -> Scalar:

@@ -13,12 +13,12 @@ from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays._grid_pairs import search_pairs
 from shadowjax.rays._grid_plane import depth_tangent
-from shadowjax.rays._grid_project import depth_of_key, is_projective, place, view
+from shadowjax.rays._grid_project import depth_of_key, is_projective, key_of_depth, place, view
 from shadowjax.rays._grid_tiles import search_tiles
 from shadowjax.rays._grid_visible import lit
 from shadowjax.rays.brute import BruteForce
 from shadowjax.rays.bvh import BoundingVolumeHierarchy
-from shadowjax.rays.caster import Caster
+from shadowjax.rays.caster import Caster, checked_start
 from shadowjax.rays.light_space import LightSpace, farthest
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray import MISS, Hit, Rays, intersect
@@ -56,6 +56,17 @@ class Grid(Caster):
         if not is_projective(grid.space):
             return self._others(mesh).closest_on_grid(mesh, grid)
         _, face = _search(jax.lax.stop_gradient(mesh), jax.lax.stop_gradient(_unwrapped(grid)), True)
+        return intersect(mesh, grid.rays(), face)
+
+    def closest_beyond_on_grid(self, mesh: Mesh, grid: RayGrid, start_depth: Float[Array, "rows cols"]) -> Hit:
+        """First hit of every ray from a depth of its own on; see `Caster`. Triangles are drawn with a floor: no tree.
+
+        The depth that is compared with the start is that of `depth_on_grid`.
+        """
+        if not is_projective(grid.space):
+            return self._others(mesh).closest_beyond_on_grid(mesh, grid, start_depth)
+        start = checked_start(grid, start_depth)
+        _, face = _search(*jax.lax.stop_gradient((mesh, _unwrapped(grid))), True, start)
         return intersect(mesh, grid.rays(), face)
 
     def depth_on_grid(self, mesh: Mesh, grid: RayGrid) -> Float[Array, "rows cols"]:
@@ -102,19 +113,23 @@ def _unwrapped(grid: RayGrid) -> RayGrid:
     return eqx.tree_at(lambda g: g.plane_map, grid, inner) if isinstance(inner, Box) else grid
 
 
-def _search(mesh: Mesh, grid: RayGrid, with_face: bool) -> tuple[Array, Array]:
-    """Depth, and face if asked for, of every ray; under `vmap` one view after the other, as its loops need."""
+def _search(mesh: Mesh, grid: RayGrid, with_face: bool, start: Array | None = None) -> tuple[Array, Array]:
+    """Depth, and face if asked for, of every ray; under `vmap` one view after the other, as its loops need.
+
+    Without the depths to start from, nothing in the loops asks for them.
+    """
 
     @sequential_vmap
-    def one(mesh: Mesh, grid: RayGrid) -> tuple[Array, Array]:
+    def one(mesh: Mesh, grid: RayGrid, start: Array | None) -> tuple[Array, Array]:
         table = view(grid)
+        floor = None if start is None else key_of_depth(grid, table, start)
         # A loop over triangles is the fastest way on a processor, and hopeless on an accelerator.
         search = search_tiles if jax.default_backend() == "cpu" else search_pairs
-        key, face = search(grid, table, mesh, place(grid, table, mesh.vertices), with_face)
+        key, face = search(grid, table, mesh, place(grid, table, mesh.vertices), with_face, floor)
         depth = depth_of_key(grid, table, key)
         return depth, jnp.zeros((), jnp.int32) if face is None else jnp.where(key < table.start, face, MISS)
 
-    return one(mesh, grid)
+    return one(mesh, grid, start)
 
 
 @jax.custom_jvp

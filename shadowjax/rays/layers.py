@@ -7,7 +7,7 @@ from shadowjax._numerics import dot
 from shadowjax._types import Array, Float
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.caster import SURFACE_ROUNDINGS, Caster
-from shadowjax.rays.ray import Hit, Rays
+from shadowjax.rays.ray import Hit
 from shadowjax.rays.ray_grid import RayGrid
 
 LAYERS = ("first", "second", "back", "midpoint")
@@ -19,7 +19,7 @@ def second_layer(caster: Caster, mesh: Mesh, grid: RayGrid, first_depth: Float[A
     Rays start again a few roundings behind the first hit. Any mesh will do; `back_layer` is faster for closed ones.
 
     Args:
-        caster: Any caster; it traces rays that no longer start together.
+        caster: Any caster.
         mesh: What was cast.
         grid: The rays.
         first_depth: Depth of the first hit along each ray, `grid.far` for a miss.
@@ -27,10 +27,9 @@ def second_layer(caster: Caster, mesh: Mesh, grid: RayGrid, first_depth: Float[A
     Returns:
         The hit, with depth from the ray's start; a miss where nothing more follows.
     """
-    rays = grid.rays()
     gap = SURFACE_ROUNDINGS * jnp.finfo(first_depth.dtype).eps * grid.far
     start = jnp.minimum(jax.lax.stop_gradient(first_depth) + gap, grid.far)
-    return caster.closest(mesh, Rays(rays.origins, rays.directions, start, rays.t_max))
+    return caster.closest_beyond_on_grid(mesh, grid, start)
 
 
 def back_layer(caster: Caster, mesh: Mesh, grid: RayGrid) -> Hit:
