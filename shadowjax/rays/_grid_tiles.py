@@ -25,6 +25,8 @@ CHUNK = 8192
 # Triangles for the general test set up together.
 GROUP = 128
 HALF = 0xFFFF
+# Numbers of a triangle that the test of a cell asks for: one line of the cache in 32 bits.
+SET_UP = 16
 
 Index = UInt[Array, ""]
 
@@ -251,7 +253,7 @@ def _following(work: UInt[Array, "3 n"], w: Index, row: Index, col: Index) -> tu
     return w, row, col
 
 
-def turns(x: list[Array], y: list[Array]) -> Bool[Array, "..."]:
+def turns(x: Sequence[Array], y: Sequence[Array]) -> Bool[Array, "..."]:
     """Whether corners relative to the ray turn one way all round it: the edge rule, see `ray.edge_test`.
 
     Both ways hold where every edge ties: the triangle is seen edge-on or has no area, which counts as a miss. One that
@@ -273,6 +275,15 @@ def cover(
     plane: Float[Array, "3 vertices"], corners: UInt[Array, "faces 3"], face: Index, u: Array, v: Array
 ) -> tuple[Array, Array]:
     """Keys of a triangle over the cells of a tile, never beyond those of its corners, and where it is hit."""
+    return cover_test(set_up(plane, corners, face), u, v)
+
+
+def set_up(plane: Float[Array, "3 vertices"], corners: UInt[Array, "faces 3"], face: Index) -> list[Array]:
+    """The `SET_UP` numbers of a triangle that `cover_test` asks for.
+
+    u and v of its corners, their bounds (u, then v), the corner of greatest key (u, v, key), the key's slopes, the
+    least key.
+    """
     ids = [number(corners, face, k) for k in range(3)]
     x, y, key = ([number(plane, axis, k) for k in ids] for axis in range(3))
     determinant = (x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0])
@@ -280,18 +291,24 @@ def cover(
     first, second = key[1] - key[0], key[2] - key[0]
     along_u = (first * (y[2] - y[0]) - second * (y[1] - y[0])) * inverse
     along_v = (second * (x[1] - x[0]) - first * (x[2] - x[0])) * inverse
-    low, high = less(less(key[0], key[1]), key[2]), more(more(key[0], key[1]), key[2])
-    offset_x, offset_y = [corner - u for corner in x], [corner - v for corner in y]
     # From the corner of greatest key: seen from a point, a corner close to it has a key so large that what is added to
     # it later would lose its digits.
     base_x, base_y, base = x[0], y[0], key[0]
     for k in (1, 2):
         farther = key[k] > base
         base_x, base_y, base = (jnp.where(farther, a, b) for a, b in ((x[k], base_x), (y[k], base_y), (key[k], base)))
+    bounds = [better(better(*part[:2]), part[2]) for part in (x, y) for better in (less, more)]
+    return [*x, *y, *bounds, base_x, base_y, base, along_u, along_v, less(less(key[0], key[1]), key[2])]
+
+
+def cover_test(numbers: Sequence[Array], u: Array, v: Array) -> tuple[Array, Array]:
+    """As `cover`, from the numbers of `set_up`."""
+    x, y = numbers[:3], numbers[3:6]
+    least_u, most_u, least_v, most_v, base_x, base_y, base, along_u, along_v, low = numbers[6:]
     keys = base - along_u * (base_x - u) - along_v * (base_y - v)
     # `spans`, by the corners' own bounds: four comparisons a cell.
-    within = [(p >= less(less(*c[:2]), c[2])) & (p <= more(more(*c[:2]), c[2])) for p, c in ((u, x), (v, y))]
-    return less(more(keys, low), high), turns(offset_x, offset_y) & within[0] & within[1]
+    within = (u >= least_u) & (u <= most_u) & (v >= least_v) & (v <= most_v)
+    return less(more(keys, low), base), turns([corner - u for corner in x], [corner - v for corner in y]) & within
 
 
 def _draw_general(

@@ -9,20 +9,21 @@ from jax import lax
 from shadowjax._numerics import map_in_chunks
 from shadowjax._types import Array, Bool, Float, Points, UInt
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays._grid_general import LEAST_KEY
-from shadowjax.rays._grid_project import coordinates, place, view
+from shadowjax.rays._grid_project import Vertices, coordinates, place, view
 from shadowjax.rays._grid_tiles import (
     CHUNK,
     HALF,
+    SET_UP,
     Index,
     classify,
-    cover,
+    cover_test,
     general_cover,
     in_groups,
     less,
     more,
     number,
     put,
+    set_up,
 )
 from shadowjax.rays.caster import surface_gap
 from shadowjax.rays.light_space import LEAST_FORWARD, DirectionalSpace, LightSpace, PerspectiveSpace
@@ -31,32 +32,24 @@ from shadowjax.rays.ray_grid import RayGrid
 
 # Points that are tested together, and the points that a cell holds on average.
 LANES, FILL = 16, 4
-# Points that are sorted together, at least, and for each triangle: every chunk walks through all triangles. Many points
-# at once need so much memory that the system hands it out, and clears it, in every call.
-POINTS, POINTS_PER_TRIANGLE = 1 << 19, 4
+# Points that are sorted together, at least, and for each triangle: every part walks through all triangles, but a small
+# one lies in the cache.
+POINTS, POINTS_PER_TRIANGLE = 1 << 19, 1
+# Parts whose points are projected together. More need so much memory that the system hands it out, and clears it, in
+# every call.
+PARTS = 2
 # The most cells along a side.
 MOST_CELLS = 1024
-# Cells of a row over which a triangle is compared with all points at once.
-SPAN = 4
-# What a line of points holds: plane positions and limits.
-U, V, LIMIT, PARTS = 0, LANES, 2 * LANES, 3 * LANES
+# Cells along the sides of a box, at most, for a triangle to be compared with all points in it at once.
+SPAN = 8
+# Points that one iteration of a sort moves: its own cost is that of a point.
+AT_ONCE = 4
+# Points whose bounds one iteration compares: fewer, and the compiler does not see that they are one operation.
+SWEEP = 32
 
 
-class Asked(NamedTuple):
-    """Points as rays of the light.
-
-    Attributes:
-        u, v: Place of each ray on the light's plane.
-        limit: The key at which it ends.
-        counts: Points that a triangle may block; the others face away or lie behind the light.
-        facing: Points that face the light.
-    """
-
-    u: Float[Array, "points"]
-    v: Float[Array, "points"]
-    limit: Float[Array, "points"]
-    counts: Bool[Array, "points"]
-    facing: Bool[Array, "points"]
+# Points as rays of the light, in parts: u, v, and the key at which each ends.
+Asked = tuple[Float[Array, "parts points"], Float[Array, "parts points"], Float[Array, "parts points"]]
 
 
 class Sorted(NamedTuple):
@@ -64,15 +57,15 @@ class Sorted(NamedTuple):
 
     Attributes:
         begin: The first point of each cell; one more number ends the last.
-        most: The greatest limit of the points in each cell.
-        lines: Numbers of the points, one line after the other: `LANES` u, `LANES` v, `LANES` limits.
-        place: Where the limit of each point is in `lines`.
+        reach: The greatest limit of the points in `SPAN` cells right and down from each.
+        u, v, limit: Numbers of the points, and room for a line more.
     """
 
     begin: UInt[Array, "cells_and_1"]
-    most: Float[Array, "cells"]
-    lines: Float[Array, "numbers"]
-    place: UInt[Array, "points"]
+    reach: Float[Array, "rows cols"]
+    u: Float[Array, "room"]
+    v: Float[Array, "room"]
+    limit: Float[Array, "room"]
 
 
 def lit(
@@ -95,95 +88,126 @@ def lit(
     """
     shape = points.shape[:-1]
     gap = surface_gap(mesh)
+    size = max(POINTS, POINTS_PER_TRIANGLE * mesh.num_faces)
 
     def search(points: Array, normals: Array | None = None) -> Array:
-        asked = _project(space, points, normals, gap)
-        return asked.facing & ~_blocked(mesh, space, asked, far)
+        num_parts = max(-(-points.shape[0] // size), 1)
+        asked, facing = _project(space, points, normals, gap, num_parts)
+        found = facing & ~_blocked(mesh, space, asked, far)
+        return found.reshape(-1)[: points.shape[0]]
 
     given = (points,) if normals is None else (points, normals)
     given = tuple(x.reshape(-1, 3) for x in given)
-    size = max(POINTS, POINTS_PER_TRIANGLE * mesh.num_faces)
-    return map_in_chunks(lambda x: search(*x), given, size).reshape(shape)
+    return map_in_chunks(lambda x: search(*x), given, PARTS * size).reshape(shape)
 
 
-def _project(space: LightSpace, points: Float[Array, "points 3"], normals: Array | None, gap: Array) -> Asked:
-    """The rays of points: `shadow_limits`, without an array of three numbers a point on the way."""
+def _project(
+    space: LightSpace, points: Float[Array, "given 3"], normals: Array | None, gap: Array, num_parts: int
+) -> tuple[Asked, Bool[Array, "parts points"]]:
+    """The rays of points, in parts: `shadow_limits`, without an array of three numbers a point on the way.
+
+    Returns:
+        Place on the light's plane and key at which the ray ends, `_done` where no triangle may block it: such points
+        face away or lie behind the light. And which face the light.
+    """
     parts = [points[:, axis] for axis in range(3)]
     if isinstance(space, DirectionalSpace):
-        to_source = [jnp.broadcast_to(number, parts[0].shape) for number in space.frame[1]]
+        towards = [jnp.broadcast_to(x, parts[0].shape) for x in space.frame[1]]
     else:
         assert isinstance(space, PerspectiveSpace)
         towards = [space.position[axis] - part for axis, part in enumerate(parts)]
+    if normals is None:
         away = jnp.sqrt(towards[0] * towards[0] + towards[1] * towards[1] + towards[2] * towards[2])
-        to_source = [part / jnp.where(away > 0, away, jnp.ones_like(away)) for part in towards]
-    side = to_source if normals is None else [normals[:, axis] for axis in range(3)]
-    facing = to_source[0] * side[0] + to_source[1] * side[1] + to_source[2] * side[2] > 0
+        side = [part / jnp.where(away > 0, away, jnp.ones_like(away)) for part in towards]
+    else:
+        side = [normals[:, axis] for axis in range(3)]
+    # Only the sign counts: a direction of any length will do.
+    facing = towards[0] * side[0] + towards[1] * side[1] + towards[2] * side[2] > 0
     x, y, w = coordinates(space, [part + gap * raised for part, raised in zip(parts, side, strict=True)])
     if isinstance(space, DirectionalSpace):
         u, v, limit = x, y, w - gap
         counts = facing & (limit > 0)
     else:
-        length = jnp.sqrt(x * x + y * y + w * w)
-        reached = w > LEAST_FORWARD * length
+        # The sums once, not in each of what follows: it would keep other steps in memory.
+        x, y, w, facing = lax.optimization_barrier((x, y, w, facing))
+        away = jnp.sqrt(x * x + y * y + w * w)
+        reached = w > LEAST_FORWARD * away
         safe = jnp.where(reached, w, jnp.ones_like(w))
-        u, v, limit = x / safe, y / safe, length - gap
+        u, v, limit = x / safe, y / safe, away - gap
         counts = facing & reached & (limit > 0)
         limit = -jnp.sqrt(1 + u * u + v * v) / jnp.where(counts, limit, jnp.ones_like(limit))
+    limit = jnp.where(counts, limit, _done(limit.dtype))
+    length = -(-max(u.size, 1) // (num_parts * SWEEP)) * SWEEP
+
+    def split(x: Array, spare: Any) -> Array:
+        return jnp.pad(x, (0, num_parts * length - x.size), constant_values=spare).reshape(num_parts, length)
+
+    u, v, limit, facing = split(u, 0), split(v, 0), split(limit, _done(limit.dtype)), split(facing, False)
     # One copy in memory: otherwise every loop that reads them computes the projection again.
-    return lax.optimization_barrier(Asked(u, v, limit, counts, facing))
+    return lax.optimization_barrier(((u, v, limit), facing))
 
 
-def _blocked(mesh: Mesh, space: LightSpace, asked: Asked, far: Float[Array, ""]) -> Bool[Array, "points"]:
+def _blocked(mesh: Mesh, space: LightSpace, asked: Asked, far: Float[Array, ""]) -> Bool[Array, "parts points"]:
     """Whether a triangle meets the ray of each point at its limit or before; never for points that do not count."""
-    dtype = asked.limit.dtype
-    num_cells = max(asked.limit.size // FILL, 1)
-    side = min(MOST_CELLS, 1 << ((num_cells.bit_length() - 1) // 2))
-    box = _bounding_box(asked)
-    grid = RayGrid(space, box, far, side, side)
+    num_parts, num_points = asked[2].shape
+    dtype = asked[2].dtype
+    num_cells = max(num_points // FILL, 1)
+    rows, cols = (min(MOST_CELLS, 1 << ((num_cells.bit_length() - k) // 2)) for k in (1, 0))
+
+    def part(p: Index, flags: Array) -> Array:
+        box = _bounding_box(asked, p)
+        scale = jnp.asarray([cols, rows], dtype) / (box.upper - box.lower)
+        u, v, limit = (lax.dynamic_index_in_dim(x, p, keepdims=False) for x in asked)
+        col, row = (
+            jnp.clip(jnp.floor((x - box.lower[axis]) * scale[axis]), 0, (cols, rows)[axis] - 1)
+            for axis, x in enumerate((u, v))
+        )
+        cell = row.astype(jnp.uint32) * jnp.uint32(cols) + col.astype(jnp.uint32)
+        # Points that do not count have a cell of their own beyond the last.
+        cell = lax.optimization_barrier(jnp.where(limit > _done(dtype), cell, jnp.uint32(rows * cols)))
+        lines, rank = _sorted(cell, asked, (rows, cols), p)
+        limit = _drawn(mesh, RayGrid(space, box, far, rows, cols), lines)
+        return _marked(flags, cell, rank, lines.begin, limit, p)
+
+    flags = lax.fori_loop(jnp.uint32(0), jnp.uint32(num_parts), part, jnp.zeros(asked[2].shape, jnp.uint8))
+    return flags > 0
+
+
+def _drawn(mesh: Mesh, grid: RayGrid, lines: Sorted) -> Float[Array, "room"]:
+    """The limits of points after all triangles have been drawn; `_done` for a blocked one."""
+    dtype = lines.limit.dtype
     # A triangle may touch a cell without reaching its centre.
     table = view(grid)
     table = table._replace(margin=table.margin + 0.5)
     vertices = place(grid, table, mesh.vertices)
     corners = lax.bitcast_convert_type(mesh.faces.astype(jnp.int32), jnp.uint32)
-    scale = side / (box.upper - box.lower)
-    col, row = (
-        jnp.clip(jnp.floor((part - box.lower[axis]) * scale[axis]), 0, side - 1).astype(jnp.uint32)
-        for axis, part in enumerate((asked.u, asked.v))
-    )
-    # Points that do not count have a cell of their own beyond the last.
-    cell = jnp.where(asked.counts, row * jnp.uint32(side) + col, jnp.uint32(side * side))
-    begin, most, lines, places = _sorted(cell, (asked.u, asked.v, asked.limit), side * side)
-    reach = _widened(most.reshape(side, side))
     num_faces = mesh.num_faces
     size = min(CHUNK, num_faces)
 
     def chunk(k: Index, state: tuple) -> tuple:
-        lines, *room = state
+        limit, *lists, room = state
         first = k * size
         count = less(num_faces - first, jnp.uint32(size))
-        work, present, rest, num_rest = classify(vertices.bounds, corners, (1, 1), first, count, *room)
+        work, present, rest, num_rest = classify(vertices.bounds, corners, (1, 1), first, count, *lists)
+        listed, made, num_listed = _prepared(vertices, corners, lines.reach, work, present, room)
 
-        def test(w: Index, u: Array, v: Array) -> tuple[Array, Array]:
-            return cover(vertices.plane, corners, number(work, 0, w), u, v)
+        def draw(w: Index, u: Array, v: Array) -> tuple[Array, Array]:
+            return cover_test([number(made, w, k) for k in range(SET_UP)], u, v)
 
-        def least(w: Index) -> Array:
-            keys = [number(vertices.plane, 2, number(corners, number(work, 0, w), k)) for k in range(3)]
-            return less(less(keys[0], keys[1]), keys[2])
+        limit = _walk(lines, draw, listed, num_listed, limit)
 
-        lines = _walk(begin, reach, test, least, work, present, lines)
-
-        def draw_general(work: Array, numbers: Array, present: Index, lines: Array) -> Array:
+        def draw_general(work: Array, numbers: Array, present: Index, limit: Array) -> Array:
             def test(w: Index, u: Array, v: Array) -> tuple[Array, Array]:
                 return general_cover(numbers, w, u, v)
 
-            return _walk(begin, reach, test, lambda w: number(numbers, LEAST_KEY, w), work, present, lines)
+            return _walk(lines, test, work, present, limit)
 
-        lines = in_groups(grid, table, mesh, vertices, corners, (1, 1), rest, num_rest, draw_general, lines)
-        return lines, work, rest
+        limit = in_groups(grid, table, mesh, vertices, corners, (1, 1), rest, num_rest, draw_general, limit)
+        return limit, work, rest, (listed, made)
 
-    state = lines, jnp.zeros((3, size), jnp.uint32), jnp.zeros(size, jnp.uint32)
-    lines, *_ = lax.fori_loop(jnp.uint32(0), jnp.uint32(-(-num_faces // size)), chunk, state)
-    return asked.counts & (lines[places] == _done(dtype))
+    empty = jnp.zeros((3, size), jnp.uint32)
+    state = lines.limit, empty, jnp.zeros(size, jnp.uint32), (empty, jnp.zeros((size, SET_UP), dtype))
+    return lax.fori_loop(jnp.uint32(0), jnp.uint32(-(-num_faces // size)), chunk, state)[0]
 
 
 def _done(dtype: Any) -> Array:
@@ -191,116 +215,188 @@ def _done(dtype: Any) -> Array:
     return jnp.asarray(-jnp.finfo(dtype).max, dtype)
 
 
-def _bounding_box(asked: Asked) -> Box:
+def _bounding_box(asked: Asked, part: Index) -> Box:
     """A box on the plane that holds all points that count, none on its border, with no side of 0."""
-    dtype = asked.u.dtype
-    most = jnp.asarray(jnp.finfo(dtype).max, dtype)
-    some = jnp.any(asked.counts)
+    dtype = asked[2].dtype
+    worst = jnp.full(SWEEP, jnp.finfo(dtype).max, dtype)
+    num_lines = jnp.uint32(asked[2].shape[1] // SWEEP)
 
-    def extreme(part: Array, worst: Array, better: Callable) -> Array:
-        # Not `min` and `max`: XLA hands those to a library, which reads masked copies of the points from memory.
-        found = lax.reduce(jnp.where(asked.counts, part, worst), worst, better, (0,))
-        return jnp.where(some, found, jnp.where(worst > 0, 0.0, 1.0).astype(dtype))
+    def extreme(numbers: Array, worst: Array, better: Callable) -> Array:
+        def step(i: Index, found: Array) -> Array:
+            at = part, i * SWEEP
+            x, limit = (
+                lax.dynamic_slice(y, at, (1, SWEEP), allow_negative_indices=False)[0] for y in (numbers, asked[2])
+            )
+            return better(found, jnp.where(limit > _done(dtype), x, worst))
 
-    where = (asked.u, asked.v)
-    lowest = jnp.stack([extreme(part, most, less) for part in where])
-    highest = jnp.stack([extreme(part, -most, more) for part in where])
+        return lax.fori_loop(jnp.uint32(0), num_lines, step, worst)
+
+    # Not `min` and `max` of all points: XLA hands those to a library, which reads masked copies from memory.
+    lowest = jnp.min(jnp.stack([extreme(x, worst, less) for x in asked[:2]]), axis=1)
+    highest = jnp.max(jnp.stack([extreme(x, -worst, more) for x in asked[:2]]), axis=1)
+    some = lowest <= highest
+    lowest, highest = jnp.where(some, lowest, 0.0), jnp.where(some, highest, 1.0)
     wider = 1e-3 * (highest - lowest) + 1e-6 * (jnp.abs(lowest) + jnp.abs(highest)) + jnp.finfo(dtype).tiny ** 0.25
     return Box(lowest - wider, highest + wider)
 
 
-def _sorted(cell: UInt[Array, "points"], numbers: tuple[Array, Array, Array], num_cells: int) -> Sorted:
-    """Sort points by cell, by counting; those of cell `num_cells`, which is not asked for, come last."""
-    num_points = cell.size
+def _sorted(
+    cell: UInt[Array, "points"], asked: Asked, grid: tuple[int, int], part: Index
+) -> tuple[Sorted, UInt[Array, "points"]]:
+    """Sort the points of a part by cell, by counting, and the rank of each in its cell; uncounted ones come last."""
+    num_points, num_cells = cell.size, grid[0] * grid[1]
+    dtype = asked[2].dtype
+    zero, one = jnp.uint32(0), jnp.uint32(1)
 
-    def count(i: Index, tally: Array) -> Array:
-        at = number(cell, i)
-        return put(tally, number(tally, at) + jnp.uint32(1), at)
-
-    tally = lax.fori_loop(jnp.uint32(0), jnp.uint32(num_points), count, jnp.zeros(num_cells + 1, jnp.uint32))
-    ends = jnp.cumsum(tally, dtype=jnp.uint32)
-    begin = jnp.concatenate([jnp.zeros(1, jnp.uint32), ends[:-1]])
-
-    def enter(i: Index, state: tuple) -> tuple:
-        lines, following, most, places = state
+    def count(i: Index, state: tuple) -> tuple:
+        tally, most, rank = state
         at = number(cell, i)
         # Read back what was written: that orders the updates, or XLA would copy whole arrays.
-        following = put(following, number(following, at) + jnp.uint32(1), at)
-        rank = number(following, at) - jnp.uint32(1)
-        place = rank // LANES * PARTS + rank % LANES
-        for part, offset in zip(numbers, (U, V, LIMIT), strict=True):
-            lines = put(lines, number(part, i), place + offset)
-        most = put(most, more(number(most, at), number(numbers[2], i)), at)
-        return lines, following, most, put(places, place + LIMIT, i)
+        tally = put(tally, number(tally, at) + one, at)
+        most = put(most, more(number(most, at), number(asked[2], part, i)), at)
+        return tally, most, put(rank, number(tally, at) - one, i)
+
+    none = jnp.full(num_cells + 1, _done(dtype))
+    state = jnp.zeros(num_cells + 1, jnp.uint32), none, jnp.zeros(num_points, jnp.uint32)
+    tally, most, rank = lax.fori_loop(zero, jnp.uint32(num_points), count, state)
+
+    def add(i: Index, state: tuple) -> tuple:
+        begin, total = state
+        return put(begin, total, i), total + number(tally, i)
+
+    # `cumsum` takes three times as long.
+    state = jnp.zeros(num_cells + 1, jnp.uint32), zero
+    begin, _ = lax.fori_loop(zero, jnp.uint32(num_cells + 1), add, state)
+
+    def enter(i: Index, state: tuple) -> tuple:
+        for k in range(AT_ONCE):
+            point = i * AT_ONCE + k
+            at = number(begin, number(cell, point)) + number(rank, point)
+            state = tuple(put(to, number(of, part, point), at) for to, of in zip(state, asked, strict=True))
+        return state
 
     # An empty row of cells may look at the line after the last.
-    room = jnp.zeros((num_points // LANES + 1) * PARTS, numbers[0].dtype)
-    dtype = numbers[0].dtype
-    none = jnp.full(num_cells + 1, _done(dtype))
-    state = room, begin, none, jnp.zeros(num_points, jnp.uint32)
-    lines, _, most, places = lax.fori_loop(jnp.uint32(0), jnp.uint32(num_points), enter, state)
-    return Sorted(begin, most[:-1], lines, places)
+    room = jnp.zeros(num_points + LANES, dtype)
+    lines = lax.fori_loop(zero, jnp.uint32(num_points // AT_ONCE), enter, (room, room, room))
+    return Sorted(begin, _widened(most[:-1].reshape(grid)), *lines), rank
 
 
-def _widened(most: Float[Array, "side side"]) -> Float[Array, "side side"]:
-    """The greatest of each cell and of the next `SPAN` - 1 to its right."""
-    shift = 1
-    while shift < min(SPAN, most.shape[1]):
-        rest = jnp.pad(most[:, shift:], [(0, 0), (0, shift)], constant_values=_done(most.dtype))
-        most, shift = jnp.maximum(most, rest), 2 * shift
-    return most
+def _marked(
+    flags: UInt[Array, "parts points"],
+    cell: UInt[Array, "points"],
+    rank: UInt[Array, "points"],
+    begin: UInt[Array, "cells_and_1"],
+    limit: Float[Array, "room"],
+    part: Index,
+) -> UInt[Array, "parts points"]:
+    """The flags with 1 for the points of a part that are blocked."""
+    done, num_cells = _done(limit.dtype), jnp.uint32(begin.size - 1)
+
+    def mark(i: Index, flags: Array) -> Array:
+        for k in range(AT_ONCE):
+            point = i * AT_ONCE + k
+            at = number(begin, number(cell, point)) + number(rank, point)
+            blocked = (number(limit, at) == done) & (number(cell, point) < num_cells)
+            flags = put(flags, blocked.astype(jnp.uint8), part, point)
+        return flags
+
+    return lax.fori_loop(jnp.uint32(0), jnp.uint32(cell.size // AT_ONCE), mark, flags)
+
+
+def _widened(most: Float[Array, "rows cols"]) -> Float[Array, "rows cols"]:
+    """The greatest of each cell and of the next `SPAN` - 1 to its right and below."""
+    done = _done(most.dtype)
+    for axis in range(2):
+        shift = 1
+        while shift < min(SPAN, most.shape[axis]):
+            pads = [(0, shift) if k == axis else (0, 0) for k in range(2)]
+            rest = jnp.pad(lax.slice_in_dim(most, shift, None, axis=axis), pads, constant_values=done)
+            most, shift = more(most, rest), 2 * shift
+    return lax.optimization_barrier(most)
+
+
+def _prepared(
+    vertices: Vertices,
+    corners: UInt[Array, "faces 3"],
+    reach: Float[Array, "rows cols"],
+    work: UInt[Array, "3 n"],
+    present: Index,
+    room: tuple[UInt[Array, "3 n"], Float[Array, "n 16"]],
+) -> tuple[Array, Array, Index]:
+    """Drop listed triangles behind all points that their box holds, and set the others up, for each meets many lines.
+
+    Half of a closed body lies behind the surface that its light reaches.
+
+    Args:
+        vertices, corners: All triangles.
+        reach: Greatest limit of the points in `SPAN` cells right and down from each cell.
+        work: The list: face, first and last row, first and last column.
+        present: How many are listed.
+        room: For the shorter list and what `set_up` says of its triangles.
+
+    Returns:
+        The list, the numbers, and how many there are.
+    """
+
+    def step(w: Index, state: tuple) -> tuple:
+        listed, made, end = state
+        face, rows, cols = (number(work, k, w) for k in range(3))
+        numbers = set_up(vertices.plane, corners, face)
+        first_row, first_col = rows >> 16, cols >> 16
+        longest = more((rows & HALF) - first_row, (cols & HALF) - first_col)
+        shown = (longest >= SPAN) | (numbers[-1] <= number(reach, first_row, first_col))
+        for k, value in enumerate(numbers):
+            made = put(made, value, end, k)
+        for k, value in enumerate((face, rows, cols)):
+            listed = put(listed, value, k, end)
+        return listed, made, end + shown.astype(jnp.uint32)
+
+    return lax.fori_loop(jnp.uint32(0), present, step, (*room, jnp.uint32(0)))
 
 
 def _walk(
-    begin: UInt[Array, "cells_and_1"],
-    reach: Float[Array, "side side"],
+    lines: Sorted,
     test: Callable[[Index, Array, Array], tuple[Array, Array]],
-    least: Callable[[Index], Array],
     work: UInt[Array, "3 n"],
     present: Index,
-    lines: Float[Array, "numbers"],
-) -> Float[Array, "numbers"]:
+    limit: Float[Array, "room"],
+) -> Float[Array, "room"]:
     """Test listed triangles against the points of the cells of their boxes, in one flat loop over lines.
 
-    The cells of a box's row follow one another, and so do their points. A row whose points all lie before a triangle
-    is left at once: most triangles that no light reaches are.
+    The cells of a box's row follow one another, and so do their points.
 
     Args:
-        begin: First point of each cell.
-        reach: Greatest limit of the points from each cell on, from `_widened`.
+        lines: Points; their positions are read from here.
         test: Triangle in the list, plane positions → keys, and where it is hit.
-        least: Triangle in the list → least key of its corners.
         work: The list: face, first and last row, first and last column.
         present: How many are listed.
-        lines: Points.
+        limit: Limits of the points.
     """
-    side = reach.shape[0]
-    done_limit = _done(lines.dtype)
+    begin, cols = lines.begin, lines.reach.shape[1]
+    done_limit = _done(limit.dtype)
 
-    def read(lines: Array, at: Index) -> Array:
-        return lax.dynamic_slice(lines, (at,), (LANES,), allow_negative_indices=False)
+    def read(array: Array, at: Index) -> Array:
+        return lax.dynamic_slice(array, (at,), (LANES,), allow_negative_indices=False)
 
     def enter(w: Index, row: Index) -> Index:
-        return number(begin, row * side + (number(work, 2, w) >> 16)) // LANES
+        return number(begin, row * cols + (number(work, 2, w) >> 16))
 
     def step(state: tuple) -> tuple:
-        lines, w, row, k = state
-        at = k * PARTS
-        old = read(lines, at + LIMIT)
+        limit, w, row, at = state
+        old = read(limit, at)
         # A line shows points of other cells too, which is no harm: any test of any pair is true.
-        keys, inside = test(w, read(lines, at + U), read(lines, at + V))
+        keys, inside = test(w, *(read(part, at) for part in (lines.u, lines.v)))
         # A blocked point's limit falls below every key. The lesser of two numbers: a masked store would stall.
         fallen = jnp.where(inside & (keys <= old), done_limit, old)
         new = jnp.where(fallen < old, fallen, old)
-        lines = lax.dynamic_update_slice(lines, new, (at + LIMIT,), allow_negative_indices=False)
-        first, last = number(work, 2, w) >> 16, number(work, 2, w) & HALF
-        hidden = (last - first < SPAN) & (least(w) > number(reach, row, first))
-        leaves = hidden | ((k + 1) * LANES >= number(begin, row * side + last + 1))
+        limit = lax.dynamic_update_slice(limit, new, (at,), allow_negative_indices=False)
+        last = number(work, 2, w) & HALF
+        leaves = at + LANES >= number(begin, row * cols + last + 1)
         done = leaves & (row >= (number(work, 1, w) & HALF))
         w = w + done.astype(jnp.uint32)
         row = jnp.where(done, number(work, 1, w) >> 16, row + leaves.astype(jnp.uint32))
-        return lines, w, row, jnp.where(leaves, enter(w, row), k + 1)
+        return limit, w, row, jnp.where(leaves, enter(w, row), at + LANES)
 
     row = number(work, 1, 0) >> 16
-    state = lines, jnp.uint32(0), row, enter(jnp.uint32(0), row)
+    state = limit, jnp.uint32(0), row, enter(jnp.uint32(0), row)
     return lax.while_loop(lambda state: state[1] < present, step, state)[0]
