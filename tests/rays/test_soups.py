@@ -27,6 +27,7 @@ from shadowjax.rays.ray_grid import RayGrid
 NUM_SCENES = int(os.environ.get("SHADOWJAX_SCENES", "40"))
 NUM_FACES, SIDE = 60, 16
 NUM_RAYS = SIDE * SIDE
+NUM_BESIDE = NUM_RAYS // 4
 SCENES = settings(
     max_examples=NUM_SCENES, deadline=None, derandomize=True, database=None, suppress_health_check=tuple(HealthCheck)
 )
@@ -180,6 +181,16 @@ def verdict(corners, origin, direction, limit: float, unit: float, start: float)
     return None if np.any(close | at_end) else False
 
 
+def behind_edges(rng: np.random.Generator, corners, start, towards, parallel: bool) -> np.ndarray:
+    """Points whose rays pass an edge, or the line beyond its ends, closely: those that a wrong edge rule gets wrong."""
+    face, edge = rng.integers(NUM_FACES, size=NUM_BESIDE), rng.integers(3, size=NUM_BESIDE)
+    first, second = corners[face, edge], corners[face, edge - 2]
+    beside = first + rng.uniform(-1, 2, (NUM_BESIDE, 1)) * (second - first)
+    beside += 10.0 ** rng.uniform(-9, -2, (NUM_BESIDE, 1)) * rng.normal(size=(NUM_BESIDE, 3))
+    along = towards if parallel else (beside - start) / np.linalg.norm(beside - start, axis=1, keepdims=True)
+    return beside + rng.uniform(0, 2, (NUM_BESIDE, 1)) * along
+
+
 def among_many(**scene):
     """A scene that is always among them, if there are so many that its kind of rays is compiled anyway."""
     return example(**scene) if NUM_SCENES > 100 else lambda test: test
@@ -230,11 +241,12 @@ def test_the_grid_caster_is_brute_force_and_its_shadows_are_true(
         SIDE,
         SIDE,
     )
-    # Points on triangles, and others anywhere.
+    # Points on triangles, others anywhere, and some that see the light just beside an edge.
     share = rng.dirichlet([1, 1, 1], NUM_RAYS)
     points = np.einsum("nk,nkd->nd", share, corners[rng.integers(NUM_FACES, size=NUM_RAYS)].astype(float))
     anywhere = rng.uniform(size=NUM_RAYS) < 0.3
     points[anywhere] = rng.uniform(-1.5, 1.5, (int(anywhere.sum()), 3)) + shift
+    points[-NUM_BESIDE:] = behind_edges(rng, corners.astype(float), start + shift, towards, parallel)
     image = jnp.asarray(points.reshape(SIDE, SIDE, 3), dtype)
     found, lit = grid_views(mesh, grid, image)
     expected, brute_lit = brute_views(mesh, grid, image)
