@@ -3,6 +3,10 @@
 `SHADOWJAX_SCENES=10000` runs as many of each. Two casters may choose differently only where rounding decides, and each
 such ray is looked into: the chosen triangles are equally near, one lies at an end of the ray, or the ray passes an
 edge, each to 16 roundings of the scene's size. What those do to the depth of a triangle says `plane_depth`.
+
+Where 16 come from: the place of a corner, or of a ray, across the rays takes a difference, a product and two sums. Each
+rounds by eps / 2 × the distance from the light, which is up to 2.3 sizes (√3 of the scene and 4.5 units of at least
+10). Corner and ray, along two axes, make 13 if all err one way; the rest is for the rounding of the ray itself.
 """
 
 import os
