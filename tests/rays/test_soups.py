@@ -144,9 +144,9 @@ def test_the_tree_caster_is_brute_force(seed, size, sliver, lattice, far_off, do
 
 def exact_turn(a: np.ndarray, b: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> int:
     """Sign of the volume that a line spans with two points: on which side of it the edge between them passes."""
-    a, b, origin, direction = ([Fraction(float(part)) for part in vector] for vector in (a, b, origin, direction))
-    a, b = ([part - start for part, start in zip(vector, origin, strict=True)] for vector in (a, b))
-    volume = sum((a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2]) * direction[i] for i in range(3))
+    first, second, start, along = ([Fraction(float(part)) for part in vector] for vector in (a, b, origin, direction))
+    one, two = ([part - base for part, base in zip(corner, start, strict=True)] for corner in (first, second))
+    volume = sum((one[i - 2] * two[i - 1] - one[i - 1] * two[i - 2]) * along[i] for i in range(3))
     return (volume > 0) - (volume < 0)
 
 
@@ -188,9 +188,10 @@ def verdict(corners, origin, direction, limit: float, unit: float, start: float)
 def behind_edges(rng: np.random.Generator, corners, start, towards, parallel: bool) -> np.ndarray:
     """Points whose rays pass an edge, or the line beyond its ends, closely: those that a wrong edge rule gets wrong."""
     face, edge = rng.integers(NUM_FACES, size=NUM_BESIDE), rng.integers(3, size=NUM_BESIDE)
-    first, second = corners[face, edge], corners[face, edge - 2]
+    first, second = corners[face, edge].astype(float), corners[face, edge - 2].astype(float)
     beside = first + rng.uniform(-1, 2, (NUM_BESIDE, 1)) * (second - first)
-    beside += 10.0 ** rng.uniform(-9, -2, (NUM_BESIDE, 1)) * rng.normal(size=(NUM_BESIDE, 3))
+    off = np.finfo(corners.dtype).eps * 10.0 ** rng.uniform(-2, 5, (NUM_BESIDE, 1))
+    beside += off * rng.normal(size=(NUM_BESIDE, 3))
     along = towards if parallel else (beside - start) / np.linalg.norm(beside - start, axis=1, keepdims=True)
     return beside + rng.uniform(0, 2, (NUM_BESIDE, 1)) * along
 
@@ -250,7 +251,7 @@ def test_the_grid_caster_is_brute_force_and_its_shadows_are_true(
     points = np.einsum("nk,nkd->nd", share, corners[rng.integers(NUM_FACES, size=NUM_RAYS)].astype(float))
     anywhere = rng.uniform(size=NUM_RAYS) < 0.3
     points[anywhere] = rng.uniform(-1.5, 1.5, (int(anywhere.sum()), 3)) + shift
-    points[-NUM_BESIDE:] = behind_edges(rng, corners.astype(float), start + shift, towards, parallel)
+    points[-NUM_BESIDE:] = behind_edges(rng, corners, start + shift, towards, parallel)
     image = jnp.asarray(points.reshape(SIDE, SIDE, 3), dtype)
     found, lit = grid_views(mesh, grid, image)
     expected, brute_lit = brute_views(mesh, grid, image)
