@@ -110,6 +110,21 @@ def test_rays_through_edges_of_a_lattice_agree_exactly():
     np.testing.assert_array_equal(lit, BruteForce().visible(mesh, space, points, up))
 
 
+def test_triangles_in_line_with_a_ray_but_beside_it_block_nothing():
+    """Corners on one line through the ray, up to a rounding, all on one side of it: products tie, and yet no hit."""
+    dtype = jnp.float32
+    rng = np.random.default_rng(4)
+    along = np.stack([np.ones(SOUP), 1 + rng.random(SOUP), 1 + rng.random(SOUP)], axis=1)
+    place = along[..., None] * rng.uniform(-0.1, 0.1, (SOUP, 1, 2))
+    place[:, 2, 0] *= 1 + rng.uniform(-1e-6, 1e-6, SOUP)
+    corners = np.insert(place, 1, rng.uniform(0.5, 1.5, (SOUP, 3)), axis=2)
+    mesh = padded(Mesh.create(jnp.asarray(corners.reshape(-1, 3), dtype), np.arange(3 * SOUP).reshape(-1, 3)))
+    space = DirectionalSpace(jnp.asarray([0.0, 2.0, 0.0], dtype), jnp.eye(3, dtype=dtype))
+    # One ray for all but two points, which make cells so wide that the triangles lie in that of the ray.
+    points = jnp.zeros((ROWS, COLS, 3), dtype).at[0, 0].set(-1).at[0, 1].set(1).at[..., 1].set(0)
+    assert bool(jnp.all(jitted_grid(mesh, space, points, jnp.broadcast_to(space.frame[1], points.shape))))
+
+
 def test_one_point_and_many_lights_at_once():
     """Under `vmap`, inside `jit`, for a list of one point: each light as alone."""
     dtype = jnp.float32
