@@ -8,7 +8,7 @@ from jax import lax
 
 from shadowjax._types import Array, Float, Int, Scalar
 from shadowjax.rays.light_space import DirectionalSpace, LightSpace, PerspectiveSpace
-from shadowjax.rays.plane_map import Box, PlaneMap
+from shadowjax.rays.plane_map import PlaneMap, affine_box
 from shadowjax.rays.ray_grid import RayGrid
 
 # Nearest w that a perspective view divides by, in units of the far limit.
@@ -103,10 +103,10 @@ def place(grid: RayGrid, table: View, vertices: Float[Array, "vertices 3"]) -> V
         ahead = w >= table.nearest
         safe = jnp.where(ahead, w, jnp.ones_like(w))
         plane = jnp.stack([x / safe, y / safe, jnp.where(ahead, -1 / safe, beyond)])
-    if isinstance(grid.plane_map, Box):
-        lower, upper = grid.plane_map.lower, grid.plane_map.upper
-        scale = grid.resolution / (upper - lower)
-        col, row = (plane[0] - lower[0]) * scale[0], (plane[1] - lower[1]) * scale[1]
+    box = affine_box(grid.plane_map)
+    if box is not None:
+        scale = grid.resolution / (box.upper - box.lower)
+        col, row = (plane[0] - box.lower[0]) * scale[0], (plane[1] - box.lower[1]) * scale[1]
         regular = ahead
     else:
         at = jnp.stack([plane[0], plane[1]], axis=-1)
@@ -149,11 +149,11 @@ def view(grid: RayGrid) -> View:
     """Tables of the grid: plane coordinates and far limit of every cell, the region's sides, the rounding of a cell."""
     dtype = grid.far.dtype
     plane_map, rows, cols = grid.plane_map, grid.num_rows, grid.num_cols
-    if isinstance(plane_map, Box):
+    if affine_box(plane_map) is not None:
         s = (jnp.arange(cols, dtype=dtype) + 0.5) / cols
         t = (jnp.arange(rows, dtype=dtype) + 0.5) / rows
-        size = plane_map.upper - plane_map.lower
-        u, v = plane_map.lower[0] + s * size[0], plane_map.lower[1] + t * size[1]
+        u = plane_map.inverse(jnp.stack([s, jnp.zeros_like(s)], axis=-1))[:, 0]
+        v = plane_map.inverse(jnp.stack([jnp.zeros_like(t), t], axis=-1))[:, 1]
         squared = u[None, :] ** 2 + v[:, None] ** 2
     else:
         plane = plane_map.inverse(grid.centres())

@@ -7,42 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from shadowjax._checks import require, require_int, require_memory
-from shadowjax._types import Array, Float, Scalar
+from shadowjax._types import Array, Float
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.caster import Caster
-from shadowjax.rays.plane_map import PlaneMap, PlanePoints
+from shadowjax.rays.plane_map import RowBand
 from shadowjax.rays.ray_grid import RayGrid
 
 DEFAULT_ROWS = 256
-
-
-class RowBand(PlaneMap):
-    """A band of rows of another map: its unit square is that part of the other's.
-
-    With a power of two for the number of rows, the arithmetic on cell centres is exact, so a band has the very rays of
-    the whole grid, whatever the map.
-
-    Attributes:
-        whole: The map of the whole grid.
-        first_row: Rows of the whole grid before the band: a number, so that all bands share compiled code.
-        num_rows: Rows of the band.
-        whole_rows: Rows of the whole grid.
-    """
-
-    whole: PlaneMap
-    first_row: Scalar
-    num_rows: int = eqx.field(static=True)
-    whole_rows: int = eqx.field(static=True)
-
-    def forward(self, plane: PlanePoints) -> PlanePoints:
-        """To the whole square, then to the band."""
-        s, t = jnp.moveaxis(self.whole.forward(plane), -1, 0)
-        return jnp.stack([s, (t * self.whole_rows - self.first_row) / self.num_rows], axis=-1)
-
-    def inverse(self, square: PlanePoints) -> PlanePoints:
-        """Into the whole square, then back."""
-        s, t = square[..., 0], square[..., 1]
-        return self.whole.inverse(jnp.stack([s, (self.first_row + t * self.num_rows) / self.whole_rows], axis=-1))
 
 
 def row_band(grid: RayGrid, first_row: int, num_rows: int) -> RayGrid:

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,7 +19,6 @@ from shadowjax.rays.brute import BruteForce
 from shadowjax.rays.bvh import BoundingVolumeHierarchy
 from shadowjax.rays.caster import Caster, checked_start
 from shadowjax.rays.light_space import LightSpace, farthest
-from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray import MISS, Hit, Rays, intersect
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -55,7 +53,7 @@ class Grid(Caster):
         """
         if not is_projective(grid.space):
             return self._others(mesh).closest_on_grid(mesh, grid)
-        _, face = _search(jax.lax.stop_gradient(mesh), jax.lax.stop_gradient(_unwrapped(grid)), True)
+        _, face = _search(jax.lax.stop_gradient(mesh), jax.lax.stop_gradient(grid), True)
         return intersect(mesh, grid.rays(), face)
 
     def closest_beyond_on_grid(self, mesh: Mesh, grid: RayGrid, start_depth: Float[Array, "rows cols"]) -> Hit:
@@ -66,7 +64,7 @@ class Grid(Caster):
         if not is_projective(grid.space):
             return self._others(mesh).closest_beyond_on_grid(mesh, grid, start_depth)
         start = checked_start(grid, start_depth)
-        _, face = _search(*jax.lax.stop_gradient((mesh, _unwrapped(grid))), True, start)
+        _, face = _search(*jax.lax.stop_gradient((mesh, grid)), True, start)
         return intersect(mesh, grid.rays(), face)
 
     def depth_on_grid(self, mesh: Mesh, grid: RayGrid) -> Float[Array, "rows cols"]:
@@ -76,14 +74,14 @@ class Grid(Caster):
         """
         if not is_projective(grid.space):
             return self._others(mesh).closest_on_grid(mesh, grid).depth
-        return _depth(mesh, _unwrapped(grid))
+        return _depth(mesh, grid)
 
     def faces_on_grid(self, mesh: Mesh, grid: RayGrid) -> tuple[Float[Array, "rows cols"], Int[Array, "rows cols"]]:
         """Depth as in `depth_on_grid`, and the triangle hit (−1 for a miss), without barycentrics."""
         if not is_projective(grid.space):
             hit = self._others(mesh).closest_on_grid(mesh, grid)
             return hit.depth, hit.face
-        return _depth_and_face(mesh, _unwrapped(grid))
+        return _depth_and_face(mesh, grid)
 
     def prepared(self, mesh: Mesh) -> "Grid":
         """With a caster for other rays that has built its tree, if it needs one."""
@@ -105,12 +103,6 @@ class Grid(Caster):
         if self.others is not None:
             return self.others
         return BruteForce() if mesh.num_faces < FEW_FACES else BoundingVolumeHierarchy()
-
-
-def _unwrapped(grid: RayGrid) -> RayGrid:
-    """The grid with a plane map that merely wraps a `Box` replaced by it: affine maps need no table of cells."""
-    inner = getattr(grid.plane_map, "box", None)
-    return eqx.tree_at(lambda g: g.plane_map, grid, inner) if isinstance(inner, Box) else grid
 
 
 def _search(mesh: Mesh, grid: RayGrid, with_face: bool, start: Array | None = None) -> tuple[Array, Array]:

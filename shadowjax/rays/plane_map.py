@@ -1,11 +1,11 @@
-"""Bijections between a region of a light's plane and the unit square of a map; Box, the affine one."""
+"""Bijections between a region of a light's plane and the unit square of a map; Box, the affine one; bands of a map."""
 
 from abc import abstractmethod
 
 import equinox as eqx
 import jax.numpy as jnp
 
-from shadowjax._types import Array, Bool, Float, Vector2
+from shadowjax._types import Array, Bool, Float, Scalar, Vector2
 
 PlanePoints = Float[Array, "*points 2"]
 
@@ -48,3 +48,50 @@ class Box(PlaneMap):
     def inverse(self, square: PlanePoints) -> PlanePoints:
         """Scale and shift back."""
         return self.lower + square * (self.upper - self.lower)
+
+
+class RowBand(PlaneMap):
+    """A band of rows of another map: its unit square is that part of the other's.
+
+    With a power of two for the number of rows, the arithmetic on cell centres is exact, so a band has the very rays of
+    the whole grid, whatever the map.
+
+    Attributes:
+        whole: The map of the whole grid.
+        first_row: Rows of the whole grid before the band: a number, so that all bands share compiled code.
+        num_rows: Rows of the band.
+        whole_rows: Rows of the whole grid.
+    """
+
+    whole: PlaneMap
+    first_row: Scalar
+    num_rows: int = eqx.field(static=True)
+    whole_rows: int = eqx.field(static=True)
+
+    def forward(self, plane: PlanePoints) -> PlanePoints:
+        """To the whole square, then to the band."""
+        s, t = jnp.moveaxis(self.whole.forward(plane), -1, 0)
+        return jnp.stack([s, (t * self.whole_rows - self.first_row) / self.num_rows], axis=-1)
+
+    def inverse(self, square: PlanePoints) -> PlanePoints:
+        """Into the whole square, then back."""
+        s, t = square[..., 0], square[..., 1]
+        return self.whole.inverse(jnp.stack([s, (self.first_row + t * self.num_rows) / self.whole_rows], axis=-1))
+
+    def regular(self, plane: PlanePoints) -> Bool[Array, "*points"]:
+        """Where the whole map is."""
+        return self.whole.regular(plane)
+
+
+def affine_box(plane_map: PlaneMap) -> Box | None:
+    """The box that a map is, or that a band of it is, to a rounding; None for a map that is not affine."""
+    if isinstance(plane_map, Box):
+        return plane_map
+    if not isinstance(plane_map, RowBand):
+        # Maps that merely wrap a box say so.
+        inner = getattr(plane_map, "box", None)
+        return inner if isinstance(inner, Box) else None
+    if affine_box(plane_map.whole) is None:
+        return None
+    lower, upper = plane_map.inverse(jnp.asarray([[0, 0], [1, 1]], plane_map.first_row.dtype))
+    return Box(lower, upper)

@@ -1,6 +1,6 @@
-"""Casting over many devices and processes: views dealt to devices, or triangles dealt to devices and hits merged."""
+"""Casting over many devices and processes: views, bands of rows, points or triangles dealt to devices."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -13,9 +13,11 @@ from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as Spec
 
 from shadowjax._checks import concrete, require
-from shadowjax._types import Float, Int
+from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.caster import Caster
+from shadowjax.rays.light_space import LightSpace
+from shadowjax.rays.plane_map import RowBand
 from shadowjax.rays.ray import MISS, Hit, intersect
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -63,6 +65,75 @@ def closest_on_grids(caster: Caster, mesh: Mesh, grids: RayGrid, devices: Sequen
     padded = jax.tree.map(lambda x: jnp.concatenate([x, jnp.repeat(x[:1], spare, axis=0)]), grids) if spare else grids
     padded = _place(padded, device_mesh, Spec(AXIS))
     return _cast_views(_place(caster, device_mesh), _place(mesh, device_mesh), padded, device_mesh, num_views)
+
+
+def cast_over_bands(
+    cast: Callable[[Mesh, RayGrid], _Tree], mesh: Mesh, grid: RayGrid, devices: Sequence[Any] | None = None
+) -> _Tree:
+    """One grid cut into as many bands of rows as there are devices, each cast on its own; nothing is compared.
+
+    Every device looks at all triangles, and draws those of its band. With more triangles than rays, dealing the
+    triangles is faster: `depth_over_triangles`.
+
+    Args:
+        cast: What is done with each band: `caster.depth_on_grid`, `caster.closest_on_grid`, `Grid().faces_on_grid`, or
+            any other function of a mesh and a grid that returns arrays of shape (rows, ...). It must not be bound to
+            anything that depends on the rows.
+        mesh: All triangles, copied to every device.
+        grid: All rays. Where the rows of a band are a power of two, its rays are exactly those of the whole grid.
+        devices: All devices of all processes if None.
+
+    Returns:
+        What `cast` returns of the whole grid, differentiable. Where the devices divide the rows, each holds its own
+        band; otherwise every device gets a copy of all.
+
+    Raises:
+        ValueError: If there are more devices than rows.
+    """
+    device_mesh = _device_mesh(devices)
+    require(
+        device_mesh.size <= grid.num_rows,
+        f"{grid.num_rows} rows cannot be cut into bands for {device_mesh.size} devices; name fewer devices",
+    )
+    return _cast_bands(*_place((cast, mesh, grid), device_mesh), device_mesh)
+
+
+def visible_over_points(
+    caster: Caster,
+    mesh: Mesh,
+    space: LightSpace,
+    points: Points,
+    normals: Points | None = None,
+    devices: Sequence[Any] | None = None,
+) -> Bool[Array, "*points"]:
+    """The exact shadow test of `Caster.visible`, the points dealt to devices along their first axis.
+
+    Args:
+        caster: Tests each share.
+        mesh: All triangles, copied to every device.
+        space: Rays of one light.
+        points: Where light may arrive: a list or an image of world points.
+        normals: Their unit normals; None for points that face the light.
+        devices: All devices of all processes if None.
+
+    Returns:
+        True where a point is lit. Where the devices divide the first axis, each holds its own share; otherwise every
+        device gets a copy of all.
+
+    Raises:
+        ValueError: If `points` is a single point.
+    """
+    require(points.ndim > 1, "dealing points to devices needs a list or an image of them; got a single point")
+    device_mesh = _device_mesh(devices)
+    spare = -points.shape[0] % device_mesh.size
+    # Spare places repeat the first point; there is none to repeat in an empty list.
+    fill = points[:1] if points.shape[0] else jnp.zeros((1, *points.shape[1:]), points.dtype)
+
+    def padded(x: Array, fill: Array) -> Array:
+        return _place(jnp.concatenate([x, jnp.repeat(fill, spare, axis=0)]) if spare else x, device_mesh, Spec(AXIS))
+
+    dealt = padded(points, fill), None if normals is None else padded(normals, normals[:1] if points.shape[0] else fill)
+    return _test_points(*_place((caster, mesh, space), device_mesh), *dealt, device_mesh, points.shape[0])
 
 
 def closest_over_triangles(caster: Caster, mesh: Mesh, grid: RayGrid, devices: Sequence[Any] | None = None) -> Hit:
@@ -143,6 +214,58 @@ def _cast_views(caster: Caster, mesh: Mesh, grids: RayGrid, device_mesh: DeviceM
     # What is left after the spare views no longer divides evenly: say where it lies, or every compiler may choose.
     everywhere = NamedSharding(device_mesh, Spec())
     return jax.tree.map(lambda x: lax.with_sharding_constraint(x[:num_views], everywhere), hits)
+
+
+@eqx.filter_jit
+def _cast_bands(cast: Callable, mesh: Mesh, grid: RayGrid, device_mesh: DeviceMesh) -> Any:
+    arrays, rest = eqx.partition(cast, eqx.is_array)
+    num = device_mesh.size
+    rows = -(-grid.num_rows // num)
+
+    def one(arrays: Any, mesh: Mesh, grid: RayGrid) -> Any:
+        # The last bands start early rather than beyond the end; their first rows are then those of others, too.
+        first = jnp.minimum(lax.axis_index(AXIS).astype(jnp.int32) * rows, grid.num_rows - rows)
+        part = RowBand(grid.plane_map, first.astype(grid.far.dtype), rows, grid.num_rows)
+        return eqx.combine(arrays, rest)(mesh, RayGrid(grid.space, part, grid.far, rows, grid.num_cols))
+
+    found = jax.shard_map(
+        one, mesh=device_mesh, in_specs=(Spec(), Spec(), Spec()), out_specs=Spec(AXIS), check_vma=False
+    )(arrays, mesh, grid)
+    if rows * num == grid.num_rows:
+        return found
+    row = np.arange(grid.num_rows)
+    device = row // rows
+    # Where each row lies in the bands, one after the other.
+    index = device * rows + row - np.minimum(device * rows, grid.num_rows - rows)
+    everywhere = NamedSharding(device_mesh, Spec())
+    return jax.tree.map(lambda x: lax.with_sharding_constraint(x[index], everywhere), found)
+
+
+@eqx.filter_jit
+def _test_points(
+    caster: Caster,
+    mesh: Mesh,
+    space: LightSpace,
+    points: Points,
+    normals: Points | None,
+    device_mesh: DeviceMesh,
+    num_points: int,
+) -> Bool[Array, "*points"]:
+    arrays, rest = eqx.partition(lax.stop_gradient(caster), eqx.is_array)
+
+    def one(arrays: Any, mesh: Mesh, space: LightSpace, points: Points, normals: Points | None) -> Any:
+        return eqx.combine(arrays, rest).visible(mesh, space, points, normals)
+
+    found = jax.shard_map(
+        one,
+        mesh=device_mesh,
+        in_specs=(Spec(), Spec(), Spec(), Spec(AXIS), Spec(AXIS)),
+        out_specs=Spec(AXIS),
+        check_vma=False,
+    )(arrays, *lax.stop_gradient((mesh, space, points, normals)))
+    if num_points == found.shape[0]:
+        return found
+    return lax.with_sharding_constraint(found[:num_points], NamedSharding(device_mesh, Spec()))
 
 
 @eqx.filter_jit

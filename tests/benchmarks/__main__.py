@@ -1,5 +1,6 @@
 """The command `python -m tests.benchmarks`: measure everybody in one run, print tables, write the results."""
 
+import os
 import sys
 
 import jax
@@ -14,7 +15,7 @@ def main() -> int:
     options = tyro.cli(Options, prog="python -m tests.benchmarks", description=__doc__)
     # What compiling takes is measured, so nothing comes from an earlier run.
     jax.config.update("jax_enable_compilation_cache", False)
-    jax.config.update("jax_num_cpu_devices", options.devices)
+    jax.config.update("jax_num_cpu_devices", options.devices or os.cpu_count() or 1)
     try:
         run(options)
     except ValueError as error:

@@ -3,18 +3,20 @@
 import time
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.sharding import NamedSharding, PartitionSpec
 
 import shadowjax
 from shadowjax import Mesh
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.grid import Grid
 from shadowjax.rays.ray_grid import RayGrid
-from shadowjax.rays.sharded import closest_over_triangles, depth_over_triangles
+from shadowjax.rays.sharded import cast_over_bands, depth_over_triangles, visible_over_points
 from tests.benchmarks.peers.base import Absent, Contestant
 from tests.benchmarks.scenes import Geometry, View
 
@@ -25,14 +27,27 @@ class Shadowjax(Contestant):
     name = "shadowjax"
     kind = "this package"
 
-    def __init__(self, make_caster: Callable[[], Caster] = Grid, name: str = "shadowjax", num_devices: int = 1):
-        if len(jax.devices()) < num_devices:
-            raise Absent(f"needs {num_devices} devices; run with --devices {num_devices}")
+    def __init__(
+        self,
+        make_caster: Callable[[], Caster] = Grid,
+        name: str = "shadowjax",
+        compiler_options: dict[str, Any] | None = None,
+    ):
         self.name = name
         caster: Any = make_caster()
         self.caster = caster
         self.casts = {False: caster.depth_on_grid, True: caster.faces_on_grid}
+        self.visible: Callable[..., Any] = caster.visible
+        self.compiler_options = compiler_options
         self.programs: dict[Any, Any] = {}
+
+    def placed(self, tree: Any) -> Any:
+        """Arrays where the work happens."""
+        return tree
+
+    def dealt(self, tree: Any) -> Any:
+        """Arrays whose first axis may be shared out."""
+        return tree
 
     def version(self) -> str:
         """Of the package and of JAX."""
@@ -46,16 +61,16 @@ class Shadowjax(Contestant):
             jnp.asarray(geometry.faces),
             jnp.zeros((geometry.num_faces, 3), jnp.float32),
         )
-        self.mesh = jax.block_until_ready(mesh)
+        self.mesh = jax.block_until_ready(self.placed(mesh))
         self.programs.clear()
 
     def move(self, vertices: np.ndarray) -> None:
         """Copy new vertices to the device; the cast that follows does all other work, as always."""
-        self.mesh = Mesh(jnp.asarray(vertices), self.mesh.faces, self.mesh.face_colors)
+        self.mesh = Mesh(self.placed(jnp.asarray(vertices)), self.mesh.faces, self.mesh.face_colors)
 
     def load_view(self, view: View) -> Any:
         """Light space, box and resolution."""
-        return view.grid
+        return self.placed(view.grid)
 
     def cast(self, loaded: Any, with_face: bool) -> Any:
         """The compiled cast."""
@@ -68,7 +83,7 @@ class Shadowjax(Contestant):
     def compile(self, loaded: Any, with_face: bool) -> dict[str, Any]:
         """Seconds from nothing to machine code, and megabytes of temporaries that XLA plans for."""
         start = time.perf_counter()
-        program = jax.jit(self.casts[with_face]).lower(self.mesh, loaded).compile()
+        program = jax.jit(self.casts[with_face]).lower(self.mesh, loaded).compile(self.compiler_options)
         seconds = time.perf_counter() - start
         self.programs[_key(loaded, with_face)] = program
         return {"compile_s": seconds, "temporaries_mb": planned_megabytes(program)}
@@ -93,20 +108,53 @@ def _key(grid: RayGrid, with_face: bool) -> tuple:
 
 
 class OnDevices(Shadowjax):
-    """The grid caster with the triangles dealt to all devices."""
+    """The grid caster on several devices: rows or triangles of a map dealt out, whichever are fewer, and points."""
 
-    def __init__(self, num_devices: int):
-        super().__init__(Grid, f"shadowjax ({num_devices} devices)", num_devices)
-        self.casts = {False: partial(depth_over_triangles, Grid()), True: _dealt_faces}
+    def __init__(self, num_devices: int, name: str, compiler_options: dict[str, Any] | None = None):
+        if len(jax.devices()) < num_devices:
+            raise Absent(f"needs {num_devices} devices; run with --devices {num_devices}")
+        super().__init__(Grid, name, compiler_options)
+        devices = jax.devices()[:num_devices]
+        self.devices = jax.sharding.Mesh(np.array(devices), ("devices",))
+        self.casts = {
+            False: partial(_dealt_depth, devices),
+            True: partial(cast_over_bands, Grid().faces_on_grid, devices=devices),
+        }
+        self.visible = partial(visible_over_points, Grid(), devices=devices)
+
+    def placed(self, tree: Any) -> Any:
+        """A copy on every device."""
+        return jax.device_put(tree, NamedSharding(self.devices, PartitionSpec()))
+
+    def dealt(self, tree: Any) -> Any:
+        """A share on every device."""
+        return jax.device_put(tree, NamedSharding(self.devices, PartitionSpec("devices")))
 
 
-def _dealt_faces(mesh: Mesh, grid: RayGrid) -> tuple[jax.Array, jax.Array]:
-    hit = closest_over_triangles(Grid(), mesh, grid)
-    return hit.depth, hit.face
+def _dealt_depth(devices: list[Any], mesh: Mesh, grid: RayGrid) -> jax.Array:
+    """What the documentation advises: bands of rows, but triangles if there are more of them than rays."""
+    if mesh.num_faces > grid.num_rows * grid.num_cols:
+        return depth_over_triangles(Grid(), mesh, grid, devices)
+    return cast_over_bands(Grid().depth_on_grid, mesh, grid, devices)
+
+
+def _wide(num_devices: int, name: str) -> Shadowjax:
+    """Several devices, and vectors as wide as the processor has them: XLA uses half of 512 bits unless told."""
+    if "avx512f" not in processor_flags():
+        raise Absent("needs a processor with AVX-512")
+    return OnDevices(num_devices, name, {"xla_cpu_prefer_vector_width": 512})
+
+
+def processor_flags() -> set[str]:
+    """What the processor can do, in Linux's words; empty where nobody says."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.is_file() else []
+    return {flag for line in lines if line.startswith("flags") for flag in line.partition(":")[2].split()}
 
 
 # More ways to run the package join here. The first one listed is what all ratios refer to.
 VARIANTS: dict[str, Callable[[], Shadowjax]] = {
     "shadowjax": Shadowjax,
-    "shadowjax (2 devices)": lambda: OnDevices(2),
+    "shadowjax (2 devices)": lambda: OnDevices(2, "shadowjax (2 devices)"),
+    "shadowjax (2 devices, 512 bits)": lambda: _wide(2, "shadowjax (2 devices, 512 bits)"),
 }

@@ -38,7 +38,7 @@ class Options:
         variants: Ways to run the package, by name; all if none is named.
         sizes: Displaced spheres of the depth maps, by name.
         resolutions: Cells along each side of the depth maps.
-        devices: Devices that JAX makes of the processor, for variants that use several.
+        devices: Devices that JAX makes of the processor, for variants that use several; 0 for one of each core.
         mesh: Mesh files to measure as well.
         rounds: Timed calls of everybody, at least 7 for figures to publish; 0 for that, or 3 if quick.
         json: Where the results go.
@@ -51,7 +51,7 @@ class Options:
     variants: tuple[str, ...] = ()
     sizes: tuple[str, ...] = ()
     resolutions: tuple[int, ...] = ()
-    devices: int = 1
+    devices: int = 0
     mesh: tuple[str, ...] = ()
     rounds: Annotated[int, tyro.conf.arg(metavar="N")] = 0
     json: str = "benchmarks/results.json"
@@ -118,7 +118,7 @@ def check(options: Options) -> None:
     for resolution in options.resolutions:
         require_int(resolution, "a resolution", 1)
     require_int(options.rounds, "rounds", 0)
-    require_int(options.devices, "devices", 1)
+    require_int(options.devices, "devices", 0)
     for path in options.mesh:
         require(Path(path).is_file(), f"no such mesh file: {path}")
 

@@ -51,8 +51,14 @@ def _ratio_block(ratios: Sequence[Mapping[str, Any]]) -> Block:
         for kind in ("ray caster", "rasteriser"):
             peer = entry.get(kind)
             row.append("" if peer is None else f"{peer['ratio']:.2f} ({peer['name']})")
+        best = entry["best"]
+        gain = entry["ours_ms"] / best["ms"]
+        row.append(f"{_number(best['ms'])} ({best['name']})")
+        row += [f"{entry[kind]['ratio'] * gain:.2f}" if kind in entry else "" for kind in ("ray caster", "rasteriser")]
         rows.append(row)
-    heads = ["case", "mesh", "rays", "ours, ms", "fastest ray caster ÷ ours", "fastest rasteriser ÷ ours"]
+    peers = ["fastest ray caster", "fastest rasteriser"]
+    heads = ["case", "mesh", "rays", "ours, ms", *(f"{peer} ÷ ours" for peer in peers)]
+    heads += ["our fastest, ms", *(f"{peer} ÷ that" for peer in peers)]
     return "Fastest peers, times over ours", heads, rows
 
 

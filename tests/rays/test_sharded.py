@@ -11,10 +11,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cast_on_devices import soup, view, views
+from cast_on_devices import receivers, soup, view, views
 
 from shadowjax import BruteForce, Mesh
-from shadowjax.rays.sharded import closest_on_grids, closest_over_triangles, depth_over_triangles, stack_grids
+from shadowjax.rays.sharded import (
+    cast_over_bands,
+    closest_on_grids,
+    closest_over_triangles,
+    depth_over_triangles,
+    stack_grids,
+    visible_over_points,
+)
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "tests" / "support" / "cast_on_devices.py"
@@ -80,6 +87,11 @@ def test_four_virtual_devices_agree_with_one(tmp_path, one_device):
     assert len(found["views"]) == 5
     assert_same(found, one_device, 4)
     np.testing.assert_allclose(found["depth"], one_device[1].depth, rtol=2e-6)
+    np.testing.assert_allclose(found["bands"], one_device[1].depth, rtol=2e-6)
+    np.testing.assert_array_equal(found["uneven"], one_device[1].face)
+    lit = jax.jit(BruteForce().visible)(soup(), view(0.2).space, *receivers(soup()))
+    assert 5 < np.sum(lit) < 44
+    np.testing.assert_array_equal(found["lit"], lit)
 
 
 def test_two_processes_agree_with_one_device(tmp_path, one_device):
@@ -87,7 +99,7 @@ def test_two_processes_agree_with_one_device(tmp_path, one_device):
         assert_same(found, one_device, 2)
 
 
-def test_gradients_pass_through_dealt_triangles():
+def test_gradients_pass_through_dealt_triangles_and_bands():
     mesh, grid = soup(), view(0.1)
 
     def total(vertices, cast):
@@ -98,6 +110,7 @@ def test_gradients_pass_through_dealt_triangles():
         lambda moved: BruteForce().depth_on_grid(moved, grid),
         lambda moved: closest_over_triangles(BruteForce(), moved, grid).depth,
         lambda moved: depth_over_triangles(BruteForce(), moved, grid),
+        lambda moved: cast_over_bands(BruteForce().depth_on_grid, moved, grid),
     )
     # One program: compiling takes longest.
     expected, *found = jax.jit(lambda vertices: [jax.grad(total)(vertices, cast) for cast in ways])(mesh.vertices)
@@ -113,3 +126,11 @@ def test_a_batch_holds_grids_of_one_kind():
         stack_grids([])
     with pytest.raises(ValueError, match="at least one device"):
         closest_on_grids(BruteForce(), soup(), stack_grids([view(0)]), devices=[])
+
+
+def test_what_cannot_be_dealt_is_refused():
+    mesh, grid = soup(), view(0)
+    with pytest.raises(ValueError, match="8 rows cannot be cut into bands for 9 devices"):
+        cast_over_bands(BruteForce().depth_on_grid, mesh, grid, jax.devices() * 9)
+    with pytest.raises(ValueError, match="a list or an image of them; got a single point"):
+        visible_over_points(BruteForce(), mesh, grid.space, jnp.zeros(3))

@@ -14,7 +14,14 @@ from shadowjax.rays.grid import Grid
 from shadowjax.rays.light_space import PerspectiveSpace
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
-from shadowjax.rays.sharded import closest_on_grids, closest_over_triangles, depth_over_triangles, stack_grids
+from shadowjax.rays.sharded import (
+    cast_over_bands,
+    closest_on_grids,
+    closest_over_triangles,
+    depth_over_triangles,
+    stack_grids,
+    visible_over_points,
+)
 
 
 def view(shift: float, cols: int = 12) -> RayGrid:
@@ -32,6 +39,12 @@ def views() -> list[RayGrid]:
 def soup() -> Mesh:
     """What is cast."""
     return random_soup(50, 1, jnp.float32)
+
+
+def receivers(mesh: Mesh) -> tuple[jax.Array, jax.Array]:
+    """Middles of triangles and their normals, as an image whose rows no even number of devices divides."""
+    middles = jnp.mean(mesh.triangles(), axis=1)
+    return middles[:49].reshape(7, 7, 3), mesh.face_normals()[:49].reshape(7, 7, 3)
 
 
 def twice(mesh: Mesh) -> Mesh:
@@ -55,6 +68,11 @@ def main(processes: int, index: int, port: int, path: str) -> None:
     if processes == 1:
         found["views"] = here(closest_on_grids(BoundingVolumeHierarchy.build(mesh), mesh, stack_grids(grids)).face)
         found["depth"] = here(depth_over_triangles(Grid(), mesh, grids[1]))
+        found["bands"] = np.asarray(cast_over_bands(Grid().depth_on_grid, mesh, grids[1]))
+        # Three bands of three rows for eight.
+        hit = cast_over_bands(BruteForce().closest_on_grid, mesh, grids[1], jax.devices()[:3])
+        found["uneven"] = here(hit.face)
+        found["lit"] = here(visible_over_points(BruteForce(), mesh, grids[1].space, *receivers(mesh)))
     else:
         # As many views as devices: each process holds its own, and nothing is exchanged before they are collected.
         dealt = closest_on_grids(BruteForce(), mesh, stack_grids(grids[:processes])).face

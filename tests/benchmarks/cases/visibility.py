@@ -31,9 +31,13 @@ def _measure(session: Session, size: str) -> None:
     points, normals = visible_points(ours, mesh, seen.grid)
     arguments = (mesh, lit.grid.space, points, normals)
     calls, beside = {}, {}
-    calls[ours.name], beside[ours.name], answer = compiled(ours.caster.visible, *arguments)
+    calls[ours.name], beside[ours.name], answer = compiled(ours.visible, *arguments)
     calls["depth map"], beside["depth map"], _ = compiled(ours.caster.depth_on_grid, mesh, lit.grid)
     mine = np.asarray(answer)
+    for other in session.ours[1:]:
+        placed = *other.placed(arguments[:2]), *other.dealt(arguments[2:])
+        calls[other.name], entry, answer = compiled(other.visible, *placed, options=other.compiler_options)
+        beside[other.name] = entry | {"visibility_differs_percent": float(100 * np.mean(np.asarray(answer) != mine))}
     rays, facing = shadow_rays(*arguments)
     rays, facing = rays.flattened(), np.asarray(facing)
     segments = Segments(*(np.array(x, np.float32) for x in (rays.origins, rays.directions, rays.t_max)))
