@@ -34,14 +34,18 @@ def depth_tangent(
         depth: Of every cell.
         face: Triangle of each cell, −1 for a miss.
     """
-    (_, slopes) = jax.jvp(lambda vertices: _planes(grid, table, vertices, mesh.faces), (mesh.vertices,), (change,))
-    (_, _, _, at_u, at_v) = _planes(grid, table, mesh.vertices, mesh.faces)
+    index = jnp.where(face < 0, 0, face)
+    # With more triangles than cells most are not seen: then a plane for each cell is less work.
+    by_cell = mesh.num_faces > face.size
+    faces = mesh.faces[index.reshape(-1)] if by_cell else mesh.faces
+    (_, slopes) = jax.jvp(lambda vertices: _planes(grid, table, vertices, faces), (mesh.vertices,), (change,))
+    (_, _, _, at_u, at_v) = _planes(grid, table, mesh.vertices, faces)
     # One copy in memory: otherwise every cell would compute the plane of its triangle again.
     value, along_u, along_v = lax.optimization_barrier(slopes[:3])
     at_u, at_v = lax.optimization_barrier((at_u, at_v))
-    index = jnp.where(face < 0, 0, face)
     value, along_u, along_v, at_u, at_v = (
-        part.at[index].get(mode="promise_in_bounds") for part in (value, along_u, along_v, at_u, at_v)
+        part.reshape(face.shape) if by_cell else part.at[index].get(mode="promise_in_bounds")
+        for part in (value, along_u, along_v, at_u, at_v)
     )
     u, v = (table.u[None, :], table.v[:, None]) if table.u.ndim == 1 else (table.u, table.v)
     total = value + along_u * (u - at_u) + along_v * (v - at_v)
