@@ -1,5 +1,7 @@
 """Views that tests of the grid caster share, so that they share compiled functions too: one shape for all meshes."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -62,6 +64,7 @@ def turned(seed: int, dtype):
     return jnp.asarray(q * np.sign(np.linalg.det(q)), dtype)
 
 
+@functools.cache
 def views(dtype) -> dict[str, RayGrid]:
     """One grid of every kind of view and map; those called `inside` start amid the triangles."""
     frame = turned(5, dtype)
