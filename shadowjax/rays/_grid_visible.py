@@ -1,15 +1,28 @@
 """The exact shadow test of many points at one light: an irregular depth buffer, points in cells, triangles drawn."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 
 from shadowjax._numerics import map_in_chunks
 from shadowjax._types import Array, Bool, Float, Points, UInt
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays._grid_project import Vertices, coordinates, place, view
+from shadowjax.rays._grid_asked import (
+    LANES,
+    SPAN,
+    Asked,
+    box_around,
+    cell_counts,
+    cells_of,
+    done,
+    project,
+    touching,
+    widened,
+)
+from shadowjax.rays._grid_project import Vertices, place
 from shadowjax.rays._grid_tiles import (
     CHUNK,
     HALF,
@@ -25,31 +38,22 @@ from shadowjax.rays._grid_tiles import (
     put,
     set_up,
 )
+from shadowjax.rays._grid_visible_pairs import blocked_by_pairs
 from shadowjax.rays.caster import surface_gap
-from shadowjax.rays.light_space import LEAST_FORWARD, DirectionalSpace, LightSpace, PerspectiveSpace
+from shadowjax.rays.light_space import LightSpace
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 
-# Points that are tested together, and the points that a cell holds on average.
-LANES, FILL = 16, 4
 # Points that are sorted together, at least, and for each triangle: every part walks through all triangles, but a small
 # one lies in the cache.
 POINTS, POINTS_PER_TRIANGLE = 1 << 19, 1
 # Parts whose points are projected together. More need so much memory that the system hands it out, and clears it, in
 # every call.
 PARTS = 2
-# The most cells along a side.
-MOST_CELLS = 1024
-# Cells along the sides of a box, at most, for a triangle to be compared with all points in it at once.
-SPAN = 8
 # Points that one iteration of a sort moves: its own cost is that of a point.
 AT_ONCE = 4
 # Points whose bounds one iteration compares: fewer, and the compiler does not see that they are one operation.
 SWEEP = 32
-
-
-# Points as rays of the light, in parts: u, v, and the key at which each ends.
-Asked = tuple[Float[Array, "parts points"], Float[Array, "parts points"], Float[Array, "parts points"]]
 
 
 class Sorted(NamedTuple):
@@ -89,84 +93,31 @@ def lit(
     shape = points.shape[:-1]
     gap = surface_gap(mesh)
     size = max(POINTS, POINTS_PER_TRIANGLE * mesh.num_faces)
+    # Loops over points and triangles are the fastest way on a processor, and hopeless on an accelerator.
+    search = _blocked if jax.default_backend() == "cpu" else blocked_by_pairs
 
-    def search(points: Array, normals: Array | None = None) -> Array:
+    def chunk(points: Array, normals: Array | None = None) -> Array:
         num_parts = max(-(-points.shape[0] // size), 1)
-        asked, facing = _project(space, points, normals, gap, num_parts)
-        found = facing & ~_blocked(mesh, space, asked, far)
+        asked, facing = project(space, points, normals, gap, num_parts, SWEEP)
+        found = facing & ~search(mesh, space, asked, far)
         return found.reshape(-1)[: points.shape[0]]
 
     given = (points,) if normals is None else (points, normals)
     given = tuple(x.reshape(-1, 3) for x in given)
-    return map_in_chunks(lambda x: search(*x), given, PARTS * size).reshape(shape)
-
-
-def _project(
-    space: LightSpace, points: Float[Array, "given 3"], normals: Array | None, gap: Array, num_parts: int
-) -> tuple[Asked, Bool[Array, "parts points"]]:
-    """The rays of points, in parts: `shadow_limits`, without an array of three numbers a point on the way.
-
-    Returns:
-        Place on the light's plane and key at which the ray ends, `_done` where no triangle may block it: such points
-        face away or lie behind the light. And which face the light.
-    """
-    parts = [points[:, axis] for axis in range(3)]
-    if isinstance(space, DirectionalSpace):
-        towards = [jnp.broadcast_to(x, parts[0].shape) for x in space.frame[1]]
-    else:
-        assert isinstance(space, PerspectiveSpace)
-        towards = [space.position[axis] - part for axis, part in enumerate(parts)]
-    if normals is None:
-        away = jnp.sqrt(towards[0] * towards[0] + towards[1] * towards[1] + towards[2] * towards[2])
-        side = [part / jnp.where(away > 0, away, jnp.ones_like(away)) for part in towards]
-    else:
-        side = [normals[:, axis] for axis in range(3)]
-    # Only the sign counts: a direction of any length will do.
-    facing = towards[0] * side[0] + towards[1] * side[1] + towards[2] * side[2] > 0
-    x, y, w = coordinates(space, [part + gap * raised for part, raised in zip(parts, side, strict=True)])
-    if isinstance(space, DirectionalSpace):
-        u, v, limit = x, y, w - gap
-        counts = facing & (limit > 0)
-    else:
-        # The sums once, not in each of what follows: it would keep other steps in memory.
-        x, y, w, facing = lax.optimization_barrier((x, y, w, facing))
-        away = jnp.sqrt(x * x + y * y + w * w)
-        reached = w > LEAST_FORWARD * away
-        safe = jnp.where(reached, w, jnp.ones_like(w))
-        u, v, limit = x / safe, y / safe, away - gap
-        counts = facing & reached & (limit > 0)
-        limit = -jnp.sqrt(1 + u * u + v * v) / jnp.where(counts, limit, jnp.ones_like(limit))
-    limit = jnp.where(counts, limit, _done(limit.dtype))
-    length = -(-max(u.size, 1) // (num_parts * SWEEP)) * SWEEP
-
-    def split(x: Array, spare: Any) -> Array:
-        return jnp.pad(x, (0, num_parts * length - x.size), constant_values=spare).reshape(num_parts, length)
-
-    u, v, limit, facing = split(u, 0), split(v, 0), split(limit, _done(limit.dtype)), split(facing, False)
-    # One copy in memory: otherwise every loop that reads them computes the projection again.
-    return lax.optimization_barrier(((u, v, limit), facing))
+    return map_in_chunks(lambda x: chunk(*x), given, PARTS * size).reshape(shape)
 
 
 def _blocked(mesh: Mesh, space: LightSpace, asked: Asked, far: Float[Array, ""]) -> Bool[Array, "parts points"]:
     """Whether a triangle meets the ray of each point at its limit or before; never for points that do not count."""
     num_parts, num_points = asked[2].shape
-    dtype = asked[2].dtype
-    num_cells = max(num_points // FILL, 1)
-    rows, cols = (min(MOST_CELLS, 1 << ((num_cells.bit_length() - k) // 2)) for k in (1, 0))
+    shape = cell_counts(num_points)
 
     def part(p: Index, flags: Array) -> Array:
         box = _bounding_box(asked, p)
-        scale = jnp.asarray([cols, rows], dtype) / (box.upper - box.lower)
         u, v, limit = (lax.dynamic_index_in_dim(x, p, keepdims=False) for x in asked)
-        col, row = (
-            jnp.clip(jnp.floor((x - box.lower[axis]) * scale[axis]), 0, (cols, rows)[axis] - 1)
-            for axis, x in enumerate((u, v))
-        )
-        cell = row.astype(jnp.uint32) * jnp.uint32(cols) + col.astype(jnp.uint32)
-        # Points that do not count have a cell of their own beyond the last.
-        cell = lax.optimization_barrier(jnp.where(limit > _done(dtype), cell, jnp.uint32(rows * cols)))
-        lines, rank = _sorted(cell, asked, (rows, cols), p)
-        limit = _drawn(mesh, RayGrid(space, box, far, rows, cols), lines)
+        cell = cells_of(box, shape, u, v, limit)
+        lines, rank = _sorted(cell, asked, shape, p)
+        limit = _drawn(mesh, RayGrid(space, box, far, *shape), lines)
         return _marked(flags, cell, rank, lines.begin, limit, p)
 
     flags = lax.fori_loop(jnp.uint32(0), jnp.uint32(num_parts), part, jnp.zeros(asked[2].shape, jnp.uint8))
@@ -174,11 +125,9 @@ def _blocked(mesh: Mesh, space: LightSpace, asked: Asked, far: Float[Array, ""])
 
 
 def _drawn(mesh: Mesh, grid: RayGrid, lines: Sorted) -> Float[Array, "room"]:
-    """The limits of points after all triangles have been drawn; `_done` for a blocked one."""
+    """The limits of points after all triangles have been drawn; `done` for a blocked one."""
     dtype = lines.limit.dtype
-    # A triangle may touch a cell without reaching its centre.
-    table = view(grid)
-    table = table._replace(margin=table.margin + 0.5)
+    table = touching(grid)
     vertices = place(grid, table, mesh.vertices)
     corners = lax.bitcast_convert_type(mesh.faces.astype(jnp.int32), jnp.uint32)
     num_faces = mesh.num_faces
@@ -210,11 +159,6 @@ def _drawn(mesh: Mesh, grid: RayGrid, lines: Sorted) -> Float[Array, "room"]:
     return lax.fori_loop(jnp.uint32(0), jnp.uint32(-(-num_faces // size)), chunk, state)[0]
 
 
-def _done(dtype: Any) -> Array:
-    """The limit of a blocked point: below every key."""
-    return jnp.asarray(-jnp.finfo(dtype).max, dtype)
-
-
 def _bounding_box(asked: Asked, part: Index) -> Box:
     """A box on the plane that holds all points that count, none on its border, with no side of 0."""
     dtype = asked[2].dtype
@@ -227,17 +171,14 @@ def _bounding_box(asked: Asked, part: Index) -> Box:
             x, limit = (
                 lax.dynamic_slice(y, at, (1, SWEEP), allow_negative_indices=False)[0] for y in (numbers, asked[2])
             )
-            return better(found, jnp.where(limit > _done(dtype), x, worst))
+            return better(found, jnp.where(limit > done(dtype), x, worst))
 
         return lax.fori_loop(jnp.uint32(0), num_lines, step, worst)
 
     # Not `min` and `max` of all points: XLA hands those to a library, which reads masked copies from memory.
     lowest = jnp.min(jnp.stack([extreme(x, worst, less) for x in asked[:2]]), axis=1)
     highest = jnp.max(jnp.stack([extreme(x, -worst, more) for x in asked[:2]]), axis=1)
-    some = lowest <= highest
-    lowest, highest = jnp.where(some, lowest, 0.0), jnp.where(some, highest, 1.0)
-    wider = 1e-3 * (highest - lowest) + 1e-6 * (jnp.abs(lowest) + jnp.abs(highest)) + jnp.finfo(dtype).tiny ** 0.25
-    return Box(lowest - wider, highest + wider)
+    return box_around(lowest, highest)
 
 
 def _sorted(
@@ -256,7 +197,7 @@ def _sorted(
         most = put(most, more(number(most, at), number(asked[2], part, i)), at)
         return tally, most, put(rank, number(tally, at) - one, i)
 
-    none = jnp.full(num_cells + 1, _done(dtype))
+    none = jnp.full(num_cells + 1, done(dtype))
     state = jnp.zeros(num_cells + 1, jnp.uint32), none, jnp.zeros(num_points, jnp.uint32)
     tally, most, rank = lax.fori_loop(zero, jnp.uint32(num_points), count, state)
 
@@ -278,7 +219,7 @@ def _sorted(
     # An empty row of cells may look at the line after the last.
     room = jnp.zeros(num_points + LANES, dtype)
     lines = lax.fori_loop(zero, jnp.uint32(num_points // AT_ONCE), enter, (room, room, room))
-    return Sorted(begin, _widened(most[:-1].reshape(grid)), *lines), rank
+    return Sorted(begin, widened(most[:-1].reshape(grid)), *lines), rank
 
 
 def _marked(
@@ -290,29 +231,17 @@ def _marked(
     part: Index,
 ) -> UInt[Array, "parts points"]:
     """The flags with 1 for the points of a part that are blocked."""
-    done, num_cells = _done(limit.dtype), jnp.uint32(begin.size - 1)
+    blocked_limit, num_cells = done(limit.dtype), jnp.uint32(begin.size - 1)
 
     def mark(i: Index, flags: Array) -> Array:
         for k in range(AT_ONCE):
             point = i * AT_ONCE + k
             at = number(begin, number(cell, point)) + number(rank, point)
-            blocked = (number(limit, at) == done) & (number(cell, point) < num_cells)
+            blocked = (number(limit, at) == blocked_limit) & (number(cell, point) < num_cells)
             flags = put(flags, blocked.astype(jnp.uint8), part, point)
         return flags
 
     return lax.fori_loop(jnp.uint32(0), jnp.uint32(cell.size // AT_ONCE), mark, flags)
-
-
-def _widened(most: Float[Array, "rows cols"]) -> Float[Array, "rows cols"]:
-    """The greatest of each cell and of the next `SPAN` - 1 to its right and below."""
-    done = _done(most.dtype)
-    for axis in range(2):
-        shift = 1
-        while shift < min(SPAN, most.shape[axis]):
-            pads = [(0, shift) if k == axis else (0, 0) for k in range(2)]
-            rest = jnp.pad(lax.slice_in_dim(most, shift, None, axis=axis), pads, constant_values=done)
-            most, shift = more(most, rest), 2 * shift
-    return lax.optimization_barrier(most)
 
 
 def _prepared(
@@ -373,7 +302,7 @@ def _walk(
         limit: Limits of the points.
     """
     begin, cols = lines.begin, lines.reach.shape[1]
-    done_limit = _done(limit.dtype)
+    done_limit = done(limit.dtype)
 
     def read(array: Array, at: Index) -> Array:
         return lax.dynamic_slice(array, (at,), (LANES,), allow_negative_indices=False)

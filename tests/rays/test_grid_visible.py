@@ -9,7 +9,7 @@ from grids import padded, turned
 from shapes import plate_over_plane, random_soup
 
 from shadowjax import BruteForce, Mesh, shading, visibility_on
-from shadowjax.rays import _grid_visible
+from shadowjax.rays import _grid_visible, _grid_visible_pairs
 from shadowjax.rays.grid import Grid
 from shadowjax.rays.light_space import DirectionalSpace, OctahedralSpace, PerspectiveSpace
 from shadowjax.shading import Surface
@@ -193,3 +193,18 @@ def test_points_in_chunks_get_the_same_answers(monkeypatch):
     assert 3 * 150 < ROWS * COLS < 4 * 150
     chunked = eqx.filter_jit(lambda *given: Grid().visible(*given))(mesh, space, points, normals)
     np.testing.assert_array_equal(chunked, whole)
+
+
+@pytest.mark.parametrize(("name", "dtype"), [("directional inside", jnp.float32), ("spot inside", jnp.float64)])
+def test_pairs_for_an_accelerator_get_the_same_answers(monkeypatch, name, dtype):
+    """Over several windows of triangles, runs and pairs."""
+    mesh, space = padded(random_soup(SOUP, 3, dtype)), spaces(dtype)[name]
+    points, normals = surface(mesh)
+    for bound, value in (("CHUNK", 150), ("RUNS", 64), ("WINDOW", 256)):
+        monkeypatch.setattr(_grid_visible_pairs, bound, value)
+    by_loops = np.asarray(jitted_grid(mesh, space, points, normals))
+    monkeypatch.setattr(_grid_visible, "_blocked", _grid_visible_pairs.blocked_by_pairs)
+    by_pairs = np.asarray(eqx.filter_jit(lambda *given: Grid().visible(*given))(mesh, space, points, normals))
+    assert 0.2 < by_loops.mean() < 0.8
+    # Slopes of keys are set up in another order of operations.
+    assert np.mean(by_pairs != by_loops) <= 0.002
