@@ -28,7 +28,7 @@ report: .venv/.installed ## shadows of the default scene, compared with the exac
 	$(BIN)/shadowjax report $(REPORT_ARGS)
 
 test: .venv/.installed ## the whole suite
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 lint: .venv/.installed ## ruff, pyright, import-linter
 	$(BIN)/ruff check .
