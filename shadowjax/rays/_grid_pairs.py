@@ -3,9 +3,9 @@
 import jax.numpy as jnp
 from jax import lax
 
-from shadowjax._types import Array, Float, Int
+from shadowjax._types import Array, Bool, Float, Int
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays._grid_general import generalise
+from shadowjax.rays._grid_general import General, generalise
 from shadowjax.rays._grid_project import Vertices, View, never
 from shadowjax.rays._grid_store import Buffers, finish, start, words
 from shadowjax.rays._grid_tiles import ROWS, SMALL, from_tiles, general_test, tiles_of, to_tiles
@@ -29,15 +29,10 @@ def search_pairs(
     affine = tiles.u.shape[0] != tiles.num_rows * tiles.num_cols
     num_faces = mesh.num_faces
     chunk, window = min(CHUNK, num_faces), WINDOW
-    corners = lax.bitcast_convert_type(mesh.faces.astype(jnp.int32), jnp.uint32)
 
     def add_chunk(k: Array, buffers: Buffers) -> Buffers:
-        # The last chunk starts early: drawing a triangle twice changes nothing.
-        first = jnp.minimum(k * chunk, num_faces - chunk)
-        part = lax.dynamic_slice(corners, (first, jnp.int32(0)), (chunk, 3))
-        made = generalise(grid, table, mesh.vertices, vertices, part)
+        first, made, holds = set_up_chunk(grid, table, mesh, vertices, k, chunk)
         first_row, last_row, first_col, last_col = made.cells
-        holds = (first_row <= last_row) & (first_col <= last_col)
         top, left = first_row // ROWS, first_col // SMALL
         down = jnp.where(holds, last_row // ROWS - top + 1, 0)
         across = jnp.where(holds, last_col // SMALL - left + 1, 0)
@@ -45,8 +40,7 @@ def search_pairs(
 
         def add_window(j: Array, buffers: Buffers) -> Buffers:
             pair = j * window + jnp.arange(window, dtype=jnp.int32)
-            triangle = jnp.minimum(jnp.searchsorted(ends, pair, side="right"), chunk - 1).astype(jnp.int32)
-            within = pair - (ends[triangle] - down[triangle] * across[triangle])
+            triangle, within = owners(ends, pair)
             row = top[triangle] + within // jnp.maximum(across[triangle], 1)
             col = left[triangle] + within % jnp.maximum(across[triangle], 1)
             index = jnp.where(pair < ends[-1], row * tiles.num_cols + col, 0)
@@ -65,6 +59,27 @@ def search_pairs(
     keys, found = finish(buffers, with_face, table.start.dtype)
     rows, cols = grid.num_rows, grid.num_cols
     return from_tiles(keys, rows, cols), None if found is None else from_tiles(found, rows, cols)
+
+
+def set_up_chunk(
+    grid: RayGrid, table: View, mesh: Mesh, vertices: Vertices, k: Array, size: int
+) -> tuple[Int[Array, ""], General, Bool[Array, "n"]]:
+    """First triangle of the chunk number `k`, its triangles for the general test, and which have a cell.
+
+    The last chunk starts early: drawing a triangle twice changes nothing.
+    """
+    first = jnp.minimum(k * size, mesh.num_faces - size)
+    corners = lax.bitcast_convert_type(mesh.faces.astype(jnp.int32), jnp.uint32)
+    part = lax.dynamic_slice(corners, (first, jnp.int32(0)), (size, 3))
+    made = generalise(grid, table, mesh.vertices, vertices, part)
+    first_row, last_row, first_col, last_col = made.cells
+    return first, made, (first_row <= last_row) & (first_col <= last_col)
+
+
+def owners(ends: Int[Array, "n"], index: Int[Array, "window"]) -> tuple[Int[Array, "window"], Int[Array, "window"]]:
+    """Which of several groups, given by where they end, each index falls into, and its place there."""
+    owner = jnp.minimum(jnp.searchsorted(ends, index, side="right"), ends.size - 1).astype(jnp.int32)
+    return owner, index - jnp.where(owner > 0, ends[owner - 1], 0)
 
 
 def _scatter(buffers: Buffers, tile: Int[Array, "n"], keys: Float[Array, "n lanes"], face: Int[Array, "n"]) -> Buffers:

@@ -6,8 +6,8 @@ from jax import lax
 from shadowjax._types import Array, Bool, Float, Int
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays._grid_asked import LANES, SPAN, Asked, box_around, cell_counts, cells_of, done, touching, widened
-from shadowjax.rays._grid_general import LEAST_KEY, generalise
-from shadowjax.rays._grid_pairs import CHUNK, WINDOW
+from shadowjax.rays._grid_general import LEAST_KEY
+from shadowjax.rays._grid_pairs import CHUNK, WINDOW, owners, set_up_chunk
 from shadowjax.rays._grid_project import place
 from shadowjax.rays._grid_tiles import general_test
 from shadowjax.rays.light_space import LightSpace
@@ -55,8 +55,7 @@ def _part(
         for x, value in ((u, 0), (v, 0), (limit, done(dtype)))
     )
     hits = _hits(mesh, RayGrid(space, box, far, *shape), begin, reach, lines)
-    blocked = jnp.zeros(num_points, bool).at[order].set(hits.reshape(-1)[:num_points] > 0)
-    return blocked & counts
+    return jnp.zeros(num_points, bool).at[order].set(hits.reshape(-1)[:num_points] > 0)
 
 
 def _hits(
@@ -69,19 +68,14 @@ def _hits(
     """1 for every point of the lines that some triangle blocks."""
     table = touching(grid)
     vertices = place(grid, table, mesh.vertices)
-    corners = lax.bitcast_convert_type(mesh.faces.astype(jnp.int32), jnp.uint32)
     num_faces, num_lines = mesh.num_faces, lines[0].shape[0]
     size = min(CHUNK, num_faces)
     # The pairs of a window of runs are counted in 32 bits.
     num_runs = max(min(RUNS, (2**31 - 1) // num_lines), 1)
 
     def add_chunk(k: Array, hits: Array) -> Array:
-        # The last chunk starts early: drawing a triangle twice changes nothing.
-        first = jnp.minimum(k * size, num_faces - size)
-        part = lax.dynamic_slice(corners, (first, jnp.int32(0)), (size, 3))
-        made = generalise(grid, table, mesh.vertices, vertices, part)
+        _, made, holds = set_up_chunk(grid, table, mesh, vertices, k, size)
         first_row, last_row, first_col, last_col = made.cells
-        holds = (first_row <= last_row) & (first_col <= last_col)
         row, col = (jnp.where(holds, x, 0) for x in (first_row, first_col))
         # Behind all points around its box a triangle blocks none.
         small = (last_row - first_row < SPAN) & (last_col - first_col < SPAN)
@@ -90,7 +84,7 @@ def _hits(
 
         def add_runs(j: Array, hits: Array) -> Array:
             run = j * num_runs + jnp.arange(num_runs, dtype=jnp.int32)
-            triangle, within = _owner(ends, run)
+            triangle, within = owners(ends, run)
             start = (first_row[triangle] + within) * grid.num_cols
             present = run < ends[-1]
             bounds = (jnp.where(present, start + x, 0) for x in (first_col[triangle], last_col[triangle] + 1))
@@ -101,7 +95,7 @@ def _hits(
 
             def add_pairs(i: Array, hits: Array) -> Array:
                 pair = i * WINDOW + jnp.arange(WINDOW, dtype=jnp.int32)
-                owner, within = _owner(lines_end, pair)
+                owner, within = owners(lines_end, pair)
                 present = pair < lines_end[-1]
                 line = jnp.where(present, first_line[owner] + within, 0)
                 u, v, limit = (x[line] for x in lines)
@@ -115,9 +109,3 @@ def _hits(
 
     hits = jnp.zeros((num_lines, LANES), jnp.int32)
     return lax.fori_loop(jnp.int32(0), jnp.int32(-(-num_faces // size)), add_chunk, hits)
-
-
-def _owner(ends: Int[Array, "n"], index: Int[Array, "window"]) -> tuple[Int[Array, "window"], Int[Array, "window"]]:
-    """Which of several groups, given by where they end, each index falls into, and its place there."""
-    owner = jnp.minimum(jnp.searchsorted(ends, index, side="right"), ends.size - 1).astype(jnp.int32)
-    return owner, index - jnp.where(owner > 0, ends[owner - 1], 0)

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from shadowjax._checks import require, require_int, require_memory
-from shadowjax._types import Array, Float
+from shadowjax._types import Array, Float, Int
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.plane_map import RowBand
@@ -33,8 +33,12 @@ def row_band(grid: RayGrid, first_row: int, num_rows: int) -> RayGrid:
         first_row + num_rows <= grid.num_rows,
         f"rows {first_row} to {first_row + num_rows} do not fit a grid of {grid.num_rows} rows",
     )
-    start = jnp.asarray(first_row, grid.far.dtype)
-    band = RowBand(grid.plane_map, start, num_rows, grid.num_rows)
+    return band_from(grid, jnp.asarray(first_row), num_rows)
+
+
+def band_from(grid: RayGrid, first_row: Int[Array, ""], num_rows: int) -> RayGrid:
+    """As `row_band`, from a row that only the running program knows; it is not checked."""
+    band = RowBand(grid.plane_map, first_row.astype(grid.far.dtype), num_rows, grid.num_rows)
     return RayGrid(grid.space, band, grid.far, num_rows, grid.num_cols)
 
 

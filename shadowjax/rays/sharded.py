@@ -15,9 +15,9 @@ from jax.sharding import PartitionSpec as Spec
 from shadowjax._checks import concrete, require
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.mesh import Mesh
+from shadowjax.rays.bands import band_from
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.light_space import LightSpace
-from shadowjax.rays.plane_map import RowBand
 from shadowjax.rays.ray import MISS, Hit, intersect
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -61,9 +61,7 @@ def closest_on_grids(caster: Caster, mesh: Mesh, grids: RayGrid, devices: Sequen
     """
     device_mesh = _device_mesh(devices)
     num_views = grids.far.shape[0]
-    spare = -num_views % device_mesh.size
-    padded = jax.tree.map(lambda x: jnp.concatenate([x, jnp.repeat(x[:1], spare, axis=0)]), grids) if spare else grids
-    padded = _place(padded, device_mesh, Spec(AXIS))
+    padded = _place(_filled(grids, -num_views % device_mesh.size), device_mesh, Spec(AXIS))
     return _cast_views(_place(caster, device_mesh), _place(mesh, device_mesh), padded, device_mesh, num_views)
 
 
@@ -125,14 +123,7 @@ def visible_over_points(
     """
     require(points.ndim > 1, "dealing points to devices needs a list or an image of them; got a single point")
     device_mesh = _device_mesh(devices)
-    spare = -points.shape[0] % device_mesh.size
-    # Spare places repeat the first point; there is none to repeat in an empty list.
-    fill = points[:1] if points.shape[0] else jnp.zeros((1, *points.shape[1:]), points.dtype)
-
-    def padded(x: Array, fill: Array) -> Array:
-        return _place(jnp.concatenate([x, jnp.repeat(fill, spare, axis=0)]) if spare else x, device_mesh, Spec(AXIS))
-
-    dealt = padded(points, fill), None if normals is None else padded(normals, normals[:1] if points.shape[0] else fill)
+    dealt = _place(_filled((points, normals), -points.shape[0] % device_mesh.size), device_mesh, Spec(AXIS))
     return _test_points(*_place((caster, mesh, space), device_mesh), *dealt, device_mesh, points.shape[0])
 
 
@@ -183,6 +174,11 @@ def _device_mesh(devices: Sequence[Any] | None) -> DeviceMesh:
     return DeviceMesh(np.array(chosen), (AXIS,))
 
 
+def _filled(tree: _Tree, spare: int) -> _Tree:
+    """Arrays with spare places added along their first axis, which repeat the first."""
+    return jax.tree.map(lambda x: jnp.concatenate([x, jnp.repeat(x[:1], spare, axis=0)]), tree) if spare else tree
+
+
 def _place(tree: _Tree, device_mesh: DeviceMesh, spec: Spec | None = None) -> _Tree:
     """Lay arrays out over the devices, of other processes too; arrays that are being traced stay."""
     sharding = NamedSharding(device_mesh, Spec() if spec is None else spec)
@@ -225,8 +221,7 @@ def _cast_bands(cast: Callable, mesh: Mesh, grid: RayGrid, device_mesh: DeviceMe
     def one(arrays: Any, mesh: Mesh, grid: RayGrid) -> Any:
         # The last bands start early rather than beyond the end; their first rows are then those of others, too.
         first = jnp.minimum(lax.axis_index(AXIS).astype(jnp.int32) * rows, grid.num_rows - rows)
-        part = RowBand(grid.plane_map, first.astype(grid.far.dtype), rows, grid.num_rows)
-        return eqx.combine(arrays, rest)(mesh, RayGrid(grid.space, part, grid.far, rows, grid.num_cols))
+        return eqx.combine(arrays, rest)(mesh, band_from(grid, first, rows))
 
     found = jax.shard_map(
         one, mesh=device_mesh, in_specs=(Spec(), Spec(), Spec()), out_specs=Spec(AXIS), check_vma=False
