@@ -53,8 +53,7 @@ def merge(
 ) -> Buffers:
     """Keep the nearer of what a tile holds and a triangle's hits in it; of equally near ones the lowest face.
 
-    Keys alone, and words, are the lesser of two numbers, not a choice by a mask: a masked store would stall the next
-    read. Key and face apart need the mask, and are slower.
+    Keys alone, and words, are the lesser of two numbers. Key and face apart need a choice for both, and are slower.
     """
     keys = jnp.where(inside, keys, jnp.asarray(never(keys.dtype), keys.dtype))
     at = index, jnp.uint32(0)

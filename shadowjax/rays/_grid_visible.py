@@ -315,9 +315,8 @@ def _walk(
         old = read(limit, at)
         # A line shows points of other cells too, which is no harm: any test of any pair is true.
         keys, inside = test(w, *(read(part, at) for part in (lines.u, lines.v)))
-        # A blocked point's limit falls below every key. The lesser of two numbers: a masked store would stall.
-        fallen = jnp.where(inside & (keys <= old), done_limit, old)
-        new = jnp.where(fallen < old, fallen, old)
+        # A blocked point's limit falls below every key.
+        new = jnp.where(inside & (keys <= old), done_limit, old)
         limit = lax.dynamic_update_slice(limit, new, (at,), allow_negative_indices=False)
         last = number(work, 2, w) & HALF
         leaves = at + LANES >= number(begin, row * cols + last + 1)
