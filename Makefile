@@ -8,10 +8,10 @@ BIN := .venv/bin
 REPORT_ARGS ?=
 BENCH_ARGS ?=
 
-.PHONY: help install peers report test lint docs bench experiments clean
+.PHONY: help install peers report test test-long lint docs bench experiments clean
 
 help: ## list what can be made
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /  make \1\t/' | expand -t 22
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 22
 
 .venv/.installed: pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "no Python 3.11 or later found; install one or say make PYTHON=/path/to/python"; exit 2; }
@@ -29,6 +29,9 @@ report: .venv/.installed ## shadows of the default scene, compared with the exac
 
 test: .venv/.installed ## the whole suite
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+
+test-long: .venv/.installed ## the suite with its long tests: large fuzzing, random scenes
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --long
 
 lint: .venv/.installed ## ruff, pyright, import-linter
 	$(BIN)/ruff check .

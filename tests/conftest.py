@@ -26,6 +26,19 @@ jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 # Shapes and types written in annotations are checked on every call a test makes.
 install_import_hook("shadowjax", "typechecking.check")
 
+
+def pytest_addoption(parser):
+    parser.addoption("--long", action="store_true", help="run the long tests too: large fuzzing, random scenes")
+
+
+def pytest_collection_modifyitems(config, items):
+    if config.getoption("--long"):
+        return
+    skip = [item for item in items if item.get_closest_marker("long")]
+    config.hook.pytest_deselected(items=skip)
+    items[:] = [item for item in items if not item.get_closest_marker("long")]
+
+
 # One relative rounding budget per dtype; tests scale it by what they compute, never by what they observe.
 ROUNDING = {jnp.float32: 2e-6, jnp.float64: 1e-13}
 
