@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from shadowjax._numerics import dot, norm, normalize, safe_divide
 from shadowjax._types import Array, Float, Points, Vector3
-from shadowjax.geometry.transforms import any_perpendicular, light_frame
+from shadowjax.geometry.transforms import any_perpendicular
 from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.warps.light_frustum import LightFrustum
 
@@ -29,15 +29,14 @@ def frustum_corners(frustum: LightFrustum) -> Float[Array, "8 3"]:
 def light_axes(gamma: Float[Array, ""]) -> Float[Array, "3 3"]:
     """Rows x, y, z of light space for a light at the angle γ to the view along (0, 0, 1), leaning down from above.
 
-    Built by Gram–Schmidt from the two directions; near γ = 0, where that cancels, from the camera's right instead.
+    x is the camera's right at every γ, also where light and view are parallel and no plane holds both.
     """
     zero = jnp.zeros_like(gamma)
     one = zero + 1
     # the light travels along the view at γ = 0 and straight down at γ = π/2
     travel = jnp.stack([zero, -jnp.sin(gamma), jnp.cos(gamma)])
     right = jnp.stack([one, zero, zero])
-    aligned = jnp.stack([right, -travel, jnp.cross(right, -travel)])
-    return jnp.where(jnp.sin(gamma) < 1e-3, aligned, light_frame(-travel, jnp.stack([zero, zero, one])))
+    return jnp.stack([right, -travel, jnp.cross(right, -travel)])
 
 
 def warp_matrix(

@@ -6,9 +6,9 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from shadowjax._checks import concrete, require, require_finite, require_value
-from shadowjax._numerics import dot, norm, normalize, rotate
+from shadowjax._numerics import norm, rotate
 from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, Vector3, as_float_array
-from shadowjax.geometry.transforms import view_frame
+from shadowjax.geometry.transforms import angle_between_lines, unit, view_frame
 
 
 class Camera(eqx.Module):
@@ -120,6 +120,4 @@ class Camera(eqx.Module):
 
         Source: warping, section on general positions of the light (γ = 90° where warping helps most).
         """
-        direction = normalize(light_direction)
-        along = jnp.abs(dot(direction, self.forward))
-        return jnp.arctan2(norm(jnp.cross(direction, self.forward)), along)
+        return angle_between_lines(unit(light_direction), self.forward)

@@ -6,12 +6,12 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from shadowjax._checks import require_choice
-from shadowjax._numerics import dot, safe_divide
+from shadowjax._numerics import dot, norm, normalize, safe_divide
 from shadowjax._types import Array, Float, Scalar, Vector3
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.geometry.transforms import light_frame
+from shadowjax.geometry.transforms import PARALLEL_ROUNDINGS, light_frame, perpendicular_part
 from shadowjax.rays.light_space import DirectionalSpace, LightSpace, PerspectiveSpace, in_front
 from shadowjax.warps import lispsm, minimax
 from shadowjax.warps.base import WarpFit
@@ -58,9 +58,7 @@ def light_frustum(camera: Camera, light_direction: Vector3, near: Scalar, far: S
     half = camera.half_size
     tan_x = dot(across, half)
     tan_y = dot(across[::-1], half)
-    gamma = camera.gamma(light_direction)
-    gamma = jnp.minimum(gamma, jnp.asarray(jnp.pi / 2, gamma.dtype))
-    return LightFrustum(near, far, jnp.arctan(tan_y), jnp.arctan(tan_x), gamma)
+    return LightFrustum(near, far, jnp.arctan(tan_y), jnp.arctan(tan_x), camera.gamma(light_direction))
 
 
 def visible_range(camera: Camera, mesh: Mesh) -> tuple[Scalar, Scalar]:
@@ -148,10 +146,9 @@ class LogarithmicFit(WarpFit):
 
 def view_axis(space: DirectionalSpace, camera: Camera) -> Float[Array, "2"]:
     """Direction on the light's plane in which the view recedes; z of the light space where light and view align."""
-    seen = jnp.stack([dot(space.frame[0], camera.forward), dot(space.frame[2], camera.forward)])
-    length = jnp.sqrt(jnp.sum(seen * seen) + jnp.finfo(seen.dtype).tiny)
-    ahead = jnp.asarray([0.0, 1.0], seen.dtype)
-    return jnp.where(length > 1e-6, seen / length, ahead)
+    along, sine = perpendicular_part(camera.forward, space.frame[1])
+    seen = jnp.stack([dot(space.frame[0], along), dot(space.frame[2], along)])
+    return jnp.where(sine > 0, normalize(seen), jnp.asarray([0.0, 1.0], seen.dtype))
 
 
 def spot_strength(
@@ -173,9 +170,10 @@ def spot_strength(
     samples = camera.position + depths[:, None] * camera.forward
     along, _ = space.project(samples)
     direction = along[-1] - along[0]
-    length = jnp.sqrt(jnp.sum(direction * direction) + jnp.finfo(direction.dtype).tiny)
-    reached = reached & (length > 1e-6)
-    axis = jnp.where(reached, direction / length, jnp.asarray([0.0, 1.0], direction.dtype))
+    # A view axis through the light is one place on the plane, to the rounding of places there.
+    rounding = PARALLEL_ROUNDINGS * jnp.finfo(direction.dtype).eps * (1 + jnp.max(jnp.abs(along)))
+    reached = reached & (norm(direction) > rounding)
+    axis = jnp.where(reached, normalize(direction), jnp.asarray([0.0, 1.0], direction.dtype))
     # where a corner lies behind the light, the whole of a right-angled cone stands in, unwarped
     signs = jnp.asarray([[-1, -1], [1, -1], [1, 1], [-1, 1]] * 2, points.dtype)
     points = jnp.where(reached, points, signs)
