@@ -45,14 +45,16 @@ class CommandOptions(SphinxDirective):
         command = getattr(options, self.arguments[0], None)
         if not (isinstance(command, type) and dataclasses.is_dataclass(command)):
             raise self.error(f"{self.arguments[0]} is not a set of options of shadowjax.cli.options")
-        docs, default, rows = field_docs(command), command(), []
+        docs, limits, default, rows = field_docs(command), options.limits_of(command), command(), []
         for field in dataclasses.fields(command):
             value = getattr(default, field.name)
             if dataclasses.is_dataclass(value):
                 continue
             flag = "SCENE" if field.name == "scene" else f"--{field.name.replace('_', '-')}"
             given = default_text(value)
-            rows.append([codes([flag]), text(docs.get(field.name, "")), codes([given]) if given else text("")])
+            allowed = f" Limits: {limits[field.name]}." if field.name in limits else ""
+            meaning = text(docs.get(field.name, "") + allowed)
+            rows.append([codes([flag]), meaning, codes([given]) if given else text("")])
         return [
             text(inspect.cleandoc(command.__doc__ or "")),
             table(["flag", "meaning", "default"], [24, 56, 20], rows, "options"),

@@ -4,6 +4,7 @@ import math
 import os
 import shlex
 import sys
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import numpy as np
 
 from shadowjax import io
 from shadowjax._checks import require
+from shadowjax._process import complain
 from shadowjax.cli import options
 from shadowjax.cli.console import Steps, say, show_table
 from shadowjax.cli.scene_choice import open_scene
@@ -22,15 +24,21 @@ def run(chosen: Any) -> int:
     """Run the command whose options these are; the exit code."""
     _keep_compiled()
     target = getattr(getattr(chosen, "search", chosen), "json", None)
-    if target not in (None, "-"):  # complain before the work, not after it
-        require(not Path(target).is_dir(), f"{target} is a folder; give --json the name of a file")
-        io.output_folder(Path(target).parent)
+    if target not in (None, "-"):
+        io.check_output(target)  # complain before the work, not after it
     return _RUN[type(chosen)](chosen)
 
 
 def _keep_compiled() -> None:
     """Keep compiled programs in the user's cache, so that the second run starts at once; leave a user's own choice."""
-    if jax.config.jax_compilation_cache_dir is not None:  # pyright: ignore[reportAttributeAccessIssue]
+    chosen: str | None = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+    if chosen is not None:
+        try:
+            if "://" not in chosen:
+                io.output_folder(chosen)
+        except ValueError as error:
+            warnings.warn(f"compiled programs are not kept: {error}", stacklevel=2)
+            jax.config.update("jax_compilation_cache_dir", None)
         return
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     try:
@@ -45,8 +53,8 @@ def _write_json(path: str | None, content: Any) -> bool:
     """Write where `--json` says; whether standard output now belongs to the JSON."""
     if path is None:
         return False
-    if path == "-":
-        sys.stdout.write(io.json_text(content))
+    if io.is_standard_output(path):
+        sys.stdout.write(io.json_text(content, ascii_only="utf" not in (sys.stdout.encoding or "").lower()))
         return True
     io.write_json(path, content)
     return False
@@ -61,9 +69,9 @@ def _caster(picture: options.PictureOptions) -> Any:
 
 def report(chosen: options.Report) -> int:
     """Make the page; 1 if an equation on it failed."""
-    from shadowjax.report import DEFAULT_TECHNIQUES, Settings, collect, write_report
+    from shadowjax.report import DEFAULT_TECHNIQUES, Settings, check_report, collect, write_report
 
-    io.output_folder(chosen.out)  # complain before the work, not after it
+    check_report(chosen.out)  # complain before the work, not after it
     picture = chosen.picture
     equations = () if chosen.equations == ("none",) else chosen.equations
     settings = Settings(
@@ -108,7 +116,7 @@ def render(chosen: options.Render) -> int:
     require(
         chosen.output.lower().endswith(".png"), f"pictures are written as PNG: -o must end in .png, not {chosen.output}"
     )
-    io.output_folder(Path(chosen.output).parent)
+    io.check_output(chosen.output)
     picture, caster = chosen.picture, _caster(chosen.picture)
     technique = make_technique(chosen.technique, picture.resolution, caster)
     scene = open_scene(chosen.scene, chosen.setting, picture)
@@ -141,7 +149,7 @@ def compare(chosen: options.Compare) -> int:
         names += tuple(name for preset in PRESETS if (name := f"preset:{preset}") not in names)
     if chosen.pareto is not None:
         require(chosen.pareto.lower().endswith(".png"), f"--pareto writes a PNG: {chosen.pareto} must end in .png")
-        io.output_folder(Path(chosen.pareto).parent)
+        io.check_output(chosen.pareto)
     picture, caster = chosen.picture, _caster(chosen.picture)
     scene = open_scene(chosen.scene, chosen.setting, picture)
     with Steps("compare") as steps:
@@ -196,7 +204,7 @@ def verify(chosen: options.Verify) -> int:
         show_table("equations", ("id", "source", "verdict", "checks", "result"), rows, numeric=(3,))
         say(f"{len(results) - len(failed)} of {len(results)} passed")
     for result in failed:
-        print(f"shadowjax: {result.id} ({result.source}) failed", file=sys.stderr)
+        complain("shadowjax", f"{result.id} ({result.source}) failed")
     return 1 if failed else 0
 
 
@@ -275,7 +283,6 @@ def splits(chosen: options.Splits) -> int:
 
     phi, gamma = _angles(chosen)
     limit = chosen.seam_limit
-    require(limit is None or limit > 1, f"--seam-limit, a factor between texel sizes, must exceed 1; got {limit}")
     view = (chosen.near, chosen.far, phi, gamma, chosen.num_partitions, chosen.objective, chosen.warp)
     with jax.enable_x64(True):
         if limit is not None or chosen.warp == "free":
@@ -350,12 +357,9 @@ def _views(search: options.SearchOptions, names: Sequence[str], steps: Steps) ->
 
 
 def _angles(chosen: Any) -> tuple[float, float]:
-    """φ and γ in radians, once all numbers are in range."""
-    phi, gamma = chosen.phi_deg, chosen.gamma_deg
-    require(0 < chosen.near < chosen.far, f"--near and --far need 0 < near < far; got {chosen.near} and {chosen.far}")
-    require(0 < phi < 90, f"--phi-deg is half the angle of view and must lie in (0, 90) degrees; got {phi}")
-    require(0 <= gamma <= 90, f"--gamma-deg, between light and view, must lie in [0, 90] degrees; got {gamma}")
-    return math.radians(phi), math.radians(gamma)
+    """φ and γ in radians, once near and far are in order."""
+    require(0 < chosen.near < chosen.far, f"--near and --far need near < far; got {chosen.near} and {chosen.far}")
+    return math.radians(chosen.phi_deg), math.radians(chosen.gamma_deg)
 
 
 _RUN = {

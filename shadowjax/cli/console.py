@@ -1,5 +1,7 @@
 """What the commands show on a screen: progress on standard error, tables on standard output."""
 
+import contextlib
+import sys
 import time
 from collections.abc import Iterable, Sequence
 from types import TracebackType
@@ -8,6 +10,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+
+from shadowjax._printable import approximate, one_line
 
 
 class Steps:
@@ -18,9 +22,11 @@ class Steps:
     """
 
     def __init__(self, title: str):
-        self._console = Console(stderr=True, highlight=False)
+        console = Console(stderr=True, highlight=False)
         self._title, self._start = title, time.monotonic()
-        self._status = self._console.status(title) if self._console.is_terminal else None
+        moves = console.is_terminal and not console.is_dumb_terminal
+        spinner = "dots" if console.encoding.startswith("utf") else "line"
+        self._status = console.status(title, spinner=spinner) if moves else None
 
     def __enter__(self) -> "Steps":
         if self._status is not None:
@@ -36,15 +42,13 @@ class Steps:
     def __call__(self, step: str) -> None:
         """Say which step starts now."""
         if self._status is not None:
-            self._status.update(Text(f"{self._title}: {step} · {self._elapsed():.0f} s"))
-        else:
-            self._write(step)
+            self._status.update(Text(_shown(f"{self._title}: {step} · {self._elapsed():.0f} s", sys.stderr)))
+            return
+        with contextlib.suppress(OSError, AttributeError):  # the work goes on when nobody can read how far it is
+            print(_shown(f"{self._elapsed():6.1f} s  {step}", sys.stderr), file=sys.stderr, flush=True)
 
     def _elapsed(self) -> float:
         return time.monotonic() - self._start
-
-    def _write(self, step: str) -> None:
-        self._console.print(Text(f"{self._elapsed():6.1f} s  {step}"), soft_wrap=True)
 
 
 def show_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]], numeric: Iterable[int] = ()) -> None:
@@ -53,14 +57,23 @@ def show_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]
     if not console.is_terminal:
         console.width = 200
     right = set(numeric)
-    table = Table(title=title, title_justify="left", header_style="bold", box=None, pad_edge=False)
+    table = Table(title=_shown(title), title_justify="left", header_style="bold", box=None, pad_edge=False)
     for index, name in enumerate(columns):
-        table.add_column(name, justify="right" if index in right else "left", no_wrap=index in right)
+        table.add_column(_shown(name), justify="right" if index in right else "left", no_wrap=index in right)
     for row in rows:
-        table.add_row(*(Text(str(value)) for value in row))
-    console.print(table)
+        table.add_row(*(Text(_shown(str(value))) for value in row))
+    # Rich ends the program by itself where the reader of standard output has gone, so it only lays out.
+    with console.capture() as laid_out:
+        console.print(table)
+    sys.stdout.write(laid_out.get())
 
 
 def say(message: str) -> None:
     """A line on standard output."""
-    Console(highlight=False).print(Text(message), soft_wrap=True)
+    print(_shown(message))
+
+
+def _shown(text: str, stream: Any = None) -> str:
+    """One line in characters that a stream can show; replaced before tables are laid out, so that columns align."""
+    encoding = getattr(sys.stdout if stream is None else stream, "encoding", None) or "utf-8"
+    return approximate(one_line(text), encoding)

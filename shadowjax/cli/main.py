@@ -11,9 +11,9 @@ from typing import Any, TypeVar
 
 import tyro
 
+from shadowjax import __version__
+from shadowjax._process import BAD_INPUT, DONE, exit_code
 from shadowjax.cli import options
-
-DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 COMMANDS: Mapping[str, type] = {
     "report": options.Report,
@@ -29,6 +29,8 @@ COMMANDS: Mapping[str, type] = {
     "presets": options.Presets,
 }
 
+PROGRAM = "shadowjax"
+
 _Options = TypeVar("_Options")
 
 
@@ -43,37 +45,27 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: Words after the program's name; those of the process if None.
 
     Returns:
-        0 done, 1 a claim or an equation failed, 2 bad input.
+        0 done, 1 a claim or an equation failed, 2 bad input or a file that cannot be read or written, 130 interrupted.
     """
     words = list(sys.argv[1:] if argv is None else argv)
-    try:
-        if not words or words[0] in ("-h", "--help"):
-            print(_help())
-            return DONE if words else BAD_INPUT
-        name, rest = _command(words)
-        parsed = parse(COMMANDS[name], name, rest)
-        if parsed is None:
-            return DONE
-        from shadowjax.cli import commands
+    return exit_code(PROGRAM, lambda: _run(words), "lower --resolution, --width, --height or --samples")
 
-        return commands.run(parsed)
-    except ValueError as error:
-        return _complain(str(error))
-    except (MemoryError, RuntimeError) as error:
-        if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
-            return _complain("not enough memory; lower --resolution, --width, --height or --samples")
-        raise
-    except BrokenPipeError:
-        sys.stderr.close()  # the reader of our output has gone: nothing more to say
+
+def _run(words: list[str]) -> int:
+    if not words or words[0] in ("-h", "--help"):
+        print(_help())
+        return DONE if words else BAD_INPUT
+    if words[0] == "--version":
+        print(f"{PROGRAM} {__version__}")
         return DONE
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    name, rest = _command(words)
+    parsed = parse(COMMANDS[name], name, rest)
+    if parsed is None:
+        return DONE
+    options.check_limits(parsed)
+    from shadowjax.cli import commands
 
-
-def _complain(message: str) -> int:
-    """One line on standard error."""
-    print("shadowjax: " + " ".join(message.split()), file=sys.stderr)
-    return BAD_INPUT
+    return commands.run(parsed)
 
 
 def _help() -> str:
@@ -87,8 +79,8 @@ def _help() -> str:
             *lines,
             "",
             "SCENE is a built-in scene or a mesh file (OBJ, PLY, STL, GLB, ...).",
-            "Exit codes: 0 done, 1 a claim or an equation failed, 2 bad input.",
-            "`shadowjax COMMAND --help` lists the options of a command.",
+            "Exit codes: 0 done, 1 a claim or an equation failed, 2 bad input, 130 interrupted.",
+            "`shadowjax COMMAND --help` lists the options of a command; `shadowjax --version` prints the version.",
         ]
     )
 
@@ -176,6 +168,9 @@ def _flags_of(path: str, kind: type) -> list[str]:
         flag = "--" + key.replace("_", "-")
         if isinstance(value, dict):
             raise BadInput(f"option {key!r} must be a value, not a table")
+        for one in value if isinstance(value, list) else [value]:
+            if isinstance(one, str) and one.startswith("-") and one != "-":
+                raise BadInput(f"option {key!r} has the value {one!r}, which reads as a flag")
         if key == "scene":
             positional.append(str(value))
         elif isinstance(value, bool):

@@ -2,18 +2,82 @@
 
 # Light imports only: help must not wait for JAX.
 
+import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, get_type_hints
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 DEFAULT_SCENE = "smooth-and-abrupt"
 
-Triple = tuple[float, float, float]
-_XYZ = arg(metavar="X Y Z")
-_NUMBER = arg(metavar="FLOAT")
-_WHOLE = arg(metavar="INT")
+
+@dataclass(frozen=True)
+class Limits:
+    """What a number may be: at least `low` and at most `high`, or strictly between them."""
+
+    low: float
+    high: float
+    strictly: bool = False
+
+    def __contains__(self, value: Any) -> bool:
+        """Whether a number is within; NaN is not."""
+        return self.low < value < self.high if self.strictly else self.low <= value <= self.high
+
+    def __str__(self) -> str:
+        """The interval in the notation of mathematics."""
+        low, high = (
+            f"{end:.0f}" if end == round(end) and abs(end) < 1e9 else f"{end:g}" for end in (self.low, self.high)
+        )
+        return f"({low}, {high})" if self.strictly else f"[{low}, {high}]"
+
+
+Side = Annotated[int, arg(metavar="INT"), Limits(1, 16384)]
+Samples = Annotated[int, arg(metavar="INT"), Limits(1, 64)]
+Triangles = Annotated[int, arg(metavar="INT"), Limits(1, 10_000_000)]
+Partitions = Annotated[int, arg(metavar="INT"), Limits(1, 64)]
+Taps = Annotated[int, arg(metavar="INT"), Limits(1, 255)]
+Depths = Annotated[int, arg(metavar="INT"), Limits(2, 5)]
+Trials = Annotated[int, arg(metavar="INT"), Limits(2, 10_000)]
+Distance = Annotated[float, arg(metavar="FLOAT"), Limits(1e-12, 1e12)]
+Point = Annotated[tuple[float, float, float], arg(metavar="X Y Z"), Limits(-1e12, 1e12)]
+Turn = Annotated[float, arg(metavar="FLOAT"), Limits(-360, 360)]
+Elevation = Annotated[float, arg(metavar="FLOAT"), Limits(-90, 90)]
+HalfAngle = Annotated[float, arg(metavar="FLOAT"), Limits(0, 90, strictly=True)]
+RightAngle = Annotated[float, arg(metavar="FLOAT"), Limits(0, 90)]
+Factor = Annotated[float, arg(metavar="FLOAT"), Limits(1, 1e9, strictly=True)]
 _FILE = arg(metavar="FILE")
+
+
+def limits_of(command: type) -> dict[str, Limits]:
+    """The limits of each numeric option of a command, by the name of its field; groups of options left out."""
+    hints = get_type_hints(command, include_extras=True)
+    found = {name: [one for one in _metadata(hint) if isinstance(one, Limits)] for name, hint in hints.items()}
+    return {name: limits[0] for name, limits in found.items() if limits}
+
+
+def _metadata(hint: Any) -> Iterator[Any]:
+    """What annotates a type or a part of it."""
+    yield from getattr(hint, "__metadata__", ())
+    for part in getattr(hint, "__args__", ()):
+        yield from _metadata(part)
+
+
+def check_limits(chosen: Any) -> None:
+    """Complain about the first option whose number is outside its limits.
+
+    Raises:
+        ValueError: With the flag, the limits and the number.
+    """
+    limits = limits_of(type(chosen))
+    for item in dataclasses.fields(chosen):
+        value: Any = getattr(chosen, item.name)
+        if dataclasses.is_dataclass(value):
+            check_limits(value)
+        for number in value if isinstance(value, tuple) else (value,):
+            allowed = limits.get(item.name)
+            if allowed is not None and number is not None and number not in allowed:
+                raise ValueError(f"--{item.name.replace('_', '-')} must lie in {allowed}; got {number}")
 
 
 @dataclass(frozen=True)
@@ -22,25 +86,25 @@ class SceneOptions:
 
     light: Literal["directional", "spot", "point"] = "directional"
     """Kind of light; a spot or point light stands outside the scene unless --light-position says where."""
-    light_direction: Annotated[Triple | None, _XYZ] = None
+    light_direction: Point | None = None
     """The way the light travels; its length does not matter."""
-    light_azimuth_deg: Annotated[float | None, _NUMBER] = None
+    light_azimuth_deg: Turn | None = None
     """Where the light stands: degrees from the viewer's side (+z) to the right (+x)."""
-    light_elevation_deg: Annotated[float | None, _NUMBER] = None
+    light_elevation_deg: Elevation | None = None
     """How high the light stands: degrees above the horizon."""
-    light_position: Annotated[Triple | None, _XYZ] = None
+    light_position: Point | None = None
     """Where a spot or point light stands."""
-    camera_position: Annotated[Triple | None, _XYZ] = None
+    camera_position: Point | None = None
     """Where the camera stands, world units."""
-    camera_target: Annotated[Triple | None, _XYZ] = None
+    camera_target: Point | None = None
     """What the camera looks at; the middle of the scene if only its position is given."""
-    phi_deg: Annotated[float | None, _NUMBER] = None
+    phi_deg: HalfAngle | None = None
     """Half the vertical angle of view, degrees in (0, 90)."""
-    near: Annotated[float | None, _NUMBER] = None
+    near: Distance | None = None
     """Near distance of the camera, world units."""
-    far: Annotated[float | None, _NUMBER] = None
+    far: Distance | None = None
     """Far distance of the camera, world units."""
-    num_triangles: Annotated[int | None, _WHOLE] = None
+    num_triangles: Triangles | None = None
     """About how many triangles a built-in scene gets."""
     up: Literal["auto", "y", "z"] = "auto"
     """Up axis of a mesh file; auto takes z for STL and y for the rest."""
@@ -52,13 +116,13 @@ class SceneOptions:
 class PictureOptions:
     """Size of the picture and of the maps."""
 
-    width: Annotated[int, _WHOLE] = 480
+    width: Side = 480
     """Pixels across."""
-    height: Annotated[int, _WHOLE] = 360
+    height: Side = 360
     """Pixels down."""
-    samples: Annotated[int, _WHOLE] = 1
+    samples: Samples = 1
     """K: every pixel is the mean of K × K camera samples."""
-    resolution: Annotated[int, _WHOLE] = 512
+    resolution: Side = 512
     """Texels along each side of a shadow map."""
     caster: Annotated[str | None, arg(metavar="NAME")] = None
     """Ray caster, brute, grid or bvh; the fastest by default. All give the same pictures."""
@@ -157,13 +221,13 @@ class Scenes:
 class NearDistance:
     """The near distance n' of a warped shadow map with the least largest error, or the least storage."""
 
-    near: Annotated[float, _NUMBER] = 1.0
+    near: Distance = 1.0
     """Near distance of the view, world units."""
-    far: Annotated[float, _NUMBER] = 100.0
+    far: Distance = 100.0
     """Far distance of the view, world units."""
-    phi_deg: Annotated[float, _NUMBER] = 30.0
+    phi_deg: HalfAngle = 30.0
     """Half the angle of view, degrees in (0, 90)."""
-    gamma_deg: Annotated[float, _NUMBER] = 90.0
+    gamma_deg: RightAngle = 90.0
     """Angle between light and view, degrees in [0, 90]."""
     section: Literal["axis", "whole"] = "axis"
     """Where the error counts: along the view axis, or over the whole section of the view."""
@@ -179,15 +243,15 @@ class NearDistance:
 class Splits:
     """Where to cut the view in depth so that k maps waste the least storage."""
 
-    near: Annotated[float, _NUMBER] = 1.0
+    near: Distance = 1.0
     """Near distance of the view, world units."""
-    far: Annotated[float, _NUMBER] = 100.0
+    far: Distance = 100.0
     """Far distance of the view, world units."""
-    phi_deg: Annotated[float, _NUMBER] = 30.0
+    phi_deg: HalfAngle = 30.0
     """Half the angle of view, degrees in (0, 90)."""
-    gamma_deg: Annotated[float, _NUMBER] = 90.0
+    gamma_deg: RightAngle = 90.0
     """Angle between light and view, degrees in [0, 90]."""
-    num_partitions: Annotated[int, _WHOLE] = 4
+    num_partitions: Partitions = 4
     """k, number of maps."""
     objective: Literal["max", "sum"] = "max"
     """Whether the largest map or their sum is made small."""
@@ -195,7 +259,7 @@ class Splits:
     """Warp of each map; free chooses every n' together with the planes."""
     section: Literal["axis", "whole"] = "axis"
     """Where the error counts: along the view axis, or over the whole section of the view."""
-    seam_limit: Annotated[float | None, _NUMBER] = None
+    seam_limit: Factor | None = None
     """Largest factor, above 1, by which the error may jump from one map to the next; none by default."""
     json: Annotated[str | None, _FILE] = None
     """File for the result; `-` writes to standard output and nothing else there."""
@@ -212,11 +276,11 @@ class SearchOptions:
 
     scenes: SceneNames = (DEFAULT_SCENE,)
     """Built-in scenes or mesh files to search over."""
-    width: Annotated[int, _WHOLE] = 160
+    width: Side = 160
     """Pixels across."""
-    height: Annotated[int, _WHOLE] = 120
+    height: Side = 120
     """Pixels down."""
-    resolution: Annotated[int, _WHOLE] = 256
+    resolution: Side = 256
     """Texels along each side of a shadow map."""
     objective: Literal["light", "visibility"] = "light"
     """What the error is of: received light, where grazing incidence hardly counts, or visibility."""
@@ -243,9 +307,9 @@ class ExponentSearch:
 
     filter: Literal["vsm", "esm", "esm-linear", "evsm2", "evsm4", "msm", "csm"] = "evsm4"
     """Filter whose numbers are searched."""
-    blur: Annotated[int, _WHOLE] = 7
+    blur: Taps = 7
     """Taps of the Gaussian blur along an axis, odd."""
-    evaluations: Annotated[int, _WHOLE] = 24
+    evaluations: Trials = 24
     """Most settings that are measured."""
     test_scenes: SceneNames = ()
     """Scenes that are measured but not searched over."""
@@ -258,11 +322,11 @@ class TapsSearch:
 
     what: Literal["ranks", "cells", "offsets"] = "ranks"
     """Order statistics of the 3 × 3 neighbourhood or its cells, by exhaustive search; or tap offsets, by gradient."""
-    num_depths: Annotated[int, _WHOLE] = 2
+    num_depths: Depths = 2
     """n, depths of a texel, 2 to 5; for ranks and cells."""
-    kernel_size: Annotated[int, _WHOLE] = 2
+    kernel_size: Taps = 2
     """K of the K × K taps."""
-    steps: Annotated[int, _WHOLE] = 24
+    steps: Trials = 24
     """Most steps of the minimiser; for offsets."""
     test_scenes: SceneNames = ("fence", "solids")
     """Scenes that the choice is tested on."""

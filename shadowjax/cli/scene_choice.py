@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 from shadowjax._checks import require
+from shadowjax._printable import printable
 from shadowjax.cli.options import PictureOptions, SceneOptions
 from shadowjax.geometry import scenes, staging
 from shadowjax.geometry.mesh import load
@@ -21,9 +22,6 @@ def open_scene(name: str, setting: SceneOptions, picture: PictureOptions) -> Sce
     Raises:
         ValueError: If there is no such scene or file, or an option is out of range or does not apply.
     """
-    for size in ("width", "height", "samples", "resolution"):
-        value = getattr(picture, size)
-        require(value >= 1, f"--{size} must be at least 1; got {value}")
     direction = _direction(setting)
     if name in scenes.SCENES:
         scene = _built_in(name, setting)
@@ -56,7 +54,7 @@ def _loaded(name: str, setting: SceneOptions, direction: tuple[float, float, flo
         setting.num_triangles is None, f"--num-triangles is for built-in scenes; {name} has the triangles of its file"
     )
     up = setting.up if setting.up != "auto" else "z" if path.suffix.lower() == ".stl" else "y"
-    return staging.stage(mesh, path.name, up=up, ground=setting.ground, light_direction=direction)
+    return staging.stage(mesh, printable(path.name), up=up, ground=setting.ground, light_direction=direction)
 
 
 def _direction(setting: SceneOptions) -> tuple[float, float, float] | None:
@@ -70,17 +68,11 @@ def _direction(setting: SceneOptions) -> tuple[float, float, float] | None:
     )
     azimuth = staging.LIGHT_AZIMUTH_DEG if angles[0] is None else angles[0]
     elevation = staging.LIGHT_ELEVATION_DEG if angles[1] is None else angles[1]
-    require(math.isfinite(azimuth), f"--light-azimuth-deg must be finite; got {azimuth}")
-    require(-90 <= elevation <= 90, f"--light-elevation-deg must lie in [-90, 90]; got {elevation}")
     return staging.direction_of(azimuth, elevation)
 
 
 def _before_camera(scene: Scene, setting: SceneOptions, picture: PictureOptions) -> Scene:
     phi = setting.phi_deg
-    require(
-        phi is None or 0 < phi < 90,
-        f"--phi-deg is half the vertical angle of view and must lie in (0, 90) degrees; got {phi}",
-    )
     return staging.viewed(
         scene,
         picture.width / picture.height,

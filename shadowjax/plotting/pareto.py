@@ -28,7 +28,7 @@ def pareto(records: Sequence[Any], title: str = "", width: float = 10.4, height:
 
     Args:
         records: Of `analysis.compare`; techniques without a map are left out, but for the time of the exact ones.
-        title: Over the left chart.
+        title: Over the left chart, plain text.
         width: Inches.
         height: Inches.
     """
@@ -41,6 +41,7 @@ def pareto(records: Sequence[Any], title: str = "", width: float = 10.4, height:
     _panel(figure, axes[0, 0], names, memory, errors)
     _panel(figure, axes[0, 1], names, times, errors)
     label(axes[0, 0], "map memory (MiB)", "RMS error of received light (%)", title)
+    axes[0, 0].title.set_parse_math(False)  # the name of a file may hold dollar signs
     label(axes[0, 1], "build and lookup of one picture (ms)")
     for exact in (one for one in records if one.map_bytes == 0):
         time = exact.build_ms + exact.visibility_ms

@@ -4,13 +4,14 @@ import base64
 import html
 from collections.abc import Iterable, Sequence
 
+from shadowjax._printable import printable
 from shadowjax.io import Pixels, png_bytes
 from shadowjax.plotting import Figure, figure_png
 
 
 def text(value: object) -> str:
-    """Any value as text that cannot break out of an element or an attribute."""
-    return html.escape(str(value), quote=True)
+    """Any value as text that cannot break out of an element or an attribute, nor steer what shows it."""
+    return html.escape(printable(str(value), keep="\n\t"), quote=True)
 
 
 def element(name: str, *children: str, **attributes: object) -> str:

@@ -9,8 +9,19 @@ from shadowjax.report.page import page
 PAGE, RESULTS = "index.html", "results.json"
 
 
+def check_report(folder: str | Path) -> None:
+    """Complain about a folder that `write_report` could not write into, before the work; the folder is made if missing.
+
+    Raises:
+        ValueError: If the folder is a file or cannot be written, or one of the two files in it cannot.
+    """
+    folder = io.output_folder(folder)
+    for name in (RESULTS, PAGE):
+        io.check_output(folder / name)
+
+
 def write_report(findings: Findings, folder: str | Path) -> Path:
-    """Write `index.html` and `results.json`; other files of the folder stay as they are.
+    """Write `index.html` and `results.json`, both or neither; other files of the folder stay as they are.
 
     Args:
         findings: From `collect`.
@@ -22,6 +33,7 @@ def write_report(findings: Findings, folder: str | Path) -> Path:
     Raises:
         ValueError: If the folder is a file or cannot be written.
     """
-    folder = io.output_folder(folder)
-    io.write_json(folder / RESULTS, results_json(findings))
-    return io.write_text(folder / PAGE, page(findings))
+    target = Path(folder) / PAGE
+    results = io.json_text(results_json(findings))
+    io.write_files({Path(folder) / RESULTS: results.encode(), target: page(findings).encode()})
+    return target
