@@ -1,11 +1,14 @@
 """Safe divide, norm and root (double-where, so that gradients stay finite), chunked maps and small helpers."""
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax.core import eval_jaxpr
+from jax.custom_batching import sequential_vmap
 
 from shadowjax._types import Array, Float
 
@@ -70,3 +73,24 @@ def map_in_chunks(function: Callable[[Any], Any], xs: Any, chunk: int) -> Any:
 
     out = jax.lax.map(function, jax.tree.map(split, xs))
     return jax.tree.map(lambda y: y.reshape(num_chunks * chunk, *y.shape[2:])[:length], out)
+
+
+def one_by_one(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function of arrays, which `vmap` calls for one element of a batch after the other.
+
+    As `jax.custom_batching.sequential_vmap`, and also where that stops at an assertion: in a branch that a batched
+    predicate chooses, everything is batched, constants that the function makes while it is traced too. Here they are
+    arguments like all others.
+    """
+
+    @functools.wraps(function)
+    def call(*args: Any) -> Any:
+        traced, shapes = jax.make_jaxpr(function, return_shape=True)(*args)
+
+        @sequential_vmap
+        def flat(consts: list[Any], leaves: list[Any]) -> list[Any]:
+            return eval_jaxpr(traced.jaxpr, consts, *leaves)
+
+        return jax.tree.unflatten(jax.tree.structure(shapes), flat(traced.consts, jax.tree.leaves(args)))
+
+    return call

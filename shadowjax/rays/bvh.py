@@ -1,16 +1,16 @@
 """The caster for arbitrary rays: a bounding volume hierarchy, grouped on the host, fitted and walked under jit."""
 
 import weakref
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.custom_batching import sequential_vmap
 
 from shadowjax._checks import concrete, require, require_memory
+from shadowjax._numerics import one_by_one
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays._tree_build import NUM_OCTANTS, Topology, build_topology
@@ -146,7 +146,7 @@ def _fit_tree(links: Links, mesh: Mesh) -> Tree:
 def _search(tree: Tree, mesh: Mesh, rays: Rays, any_hit: bool, ray_chunk: int) -> Int[Array, "*points"]:
     """Triangles hit; under `vmap` one batch after the other, as the loops need."""
 
-    @sequential_vmap
+    @one_by_one
     def one(tree: Tree, mesh: Mesh, rays: Rays) -> Int[Array, "*points"]:
         fitted = _current(tree, mesh)
         return search_in_chunks(lambda chunk: search(tree.links, fitted, chunk, any_hit), rays, ray_chunk)
@@ -166,8 +166,23 @@ def _as_links(topology: Topology) -> Links:
     return Links(*(jnp.asarray(array) for array in topology))
 
 
-# Trees of meshes met without one, for as long as their vertices live: identity of arrays → vertices, tree.
-_TREES: dict[tuple[int, int], tuple[Any, Tree]] = {}
+class _Remembered(NamedTuple):
+    """A tree, and the arrays that it was built from: weakly held, so that their owner alone decides how long it lives.
+
+    Attributes:
+        vertices: The mesh's vertices.
+        faces: Its faces.
+        tree: With copies of both.
+    """
+
+    vertices: weakref.ref
+    faces: weakref.ref
+    tree: Tree
+
+
+# Trees of meshes met without one, by the identity of their arrays. An entry goes with the first of the two that dies:
+# from then on the number may be that of another array.
+_TREES: dict[tuple[int, int], _Remembered] = {}
 
 
 def _remembered_tree(mesh: Mesh) -> Tree:
@@ -175,14 +190,16 @@ def _remembered_tree(mesh: Mesh) -> Tree:
     if concrete(mesh.vertices) is None or concrete(mesh.faces) is None:
         return _fit_tree(_links_by_callback(mesh), mesh)
     key = (id(mesh.vertices), id(mesh.faces))
-    if key not in _TREES:
-        tree = BoundingVolumeHierarchy.build(mesh).tree
-        assert tree is not None
-        forget = weakref.ref(mesh.vertices, lambda _: _TREES.pop(key, None))
-        # Not the mesh's own arrays, or they would live as long as the tree.
-        tree = eqx.tree_at(lambda t: (t.vertices, t.faces), tree, (jnp.copy(tree.vertices), jnp.copy(tree.faces)))
-        _TREES[key] = (forget, tree)
-    return _TREES[key][1]
+    known = _TREES.get(key)
+    if known is not None and known.vertices() is mesh.vertices and known.faces() is mesh.faces:
+        return known.tree
+    tree = BoundingVolumeHierarchy.build(mesh).tree
+    assert tree is not None
+    # Not the mesh's own arrays, or they would live as long as the tree.
+    tree = eqx.tree_at(lambda t: (t.vertices, t.faces), tree, (jnp.copy(tree.vertices), jnp.copy(tree.faces)))
+    vertices, faces = (weakref.ref(part, lambda _: _TREES.pop(key, None)) for part in (mesh.vertices, mesh.faces))
+    _TREES[key] = _Remembered(vertices, faces, tree)
+    return tree
 
 
 def _links_by_callback(mesh: Mesh) -> Links:

@@ -5,9 +5,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.custom_batching import sequential_vmap
 from jax.custom_derivatives import SymbolicZero
 
+from shadowjax._numerics import one_by_one
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays._grid_pairs import search_pairs
@@ -111,7 +111,7 @@ def _search(mesh: Mesh, grid: RayGrid, with_face: bool, start: Array | None = No
     Without the depths to start from, nothing in the loops asks for them.
     """
 
-    @sequential_vmap
+    @one_by_one
     def one(mesh: Mesh, grid: RayGrid, start: Array | None) -> tuple[Array, Array]:
         table = view(grid)
         floor = None if start is None else key_of_depth(grid, table, start)
@@ -172,7 +172,7 @@ def _dense(tangent: Any) -> Any:
     return jnp.zeros(kind.shape, kind.dtype)
 
 
-@sequential_vmap
+@one_by_one
 def _visible(mesh: Mesh, space: LightSpace, points: Points, normals: Points | None) -> Bool[Array, "*points"]:
     """Lit points, by the irregular depth buffer: all rays of a light share its plane, so none is traced."""
     return lit(mesh, space, points, normals, farthest(space, *mesh.bounds()))

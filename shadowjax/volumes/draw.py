@@ -5,9 +5,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.custom_batching import sequential_vmap
 
-from shadowjax._numerics import rotate
+from shadowjax._numerics import one_by_one, rotate
 from shadowjax._types import Array, Bool, Float, Int, UInt
 from shadowjax.rays._grid_tiles import HALF, ROWS, SMALL, Index, from_tiles, line, number, to_tiles
 from shadowjax.volumes.regions import Regions, count_regions, weighted_first
@@ -56,7 +55,7 @@ def count_image(
     return _count(*lax.stop_gradient((regions, points, counts, frame)))
 
 
-@sequential_vmap
+@one_by_one
 def _count(regions: Regions, points: Array, counts: Array, frame: Array) -> Array:
     regions, num = weighted_first(regions)
     rows, cols = points.shape[:2]

@@ -1,5 +1,7 @@
 """The tree caster: what it refuses, moved vertices, ties, leaks, degenerate scenes, jit, vmap and gradients."""
 
+import gc
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,6 +11,7 @@ from grids import closest
 from shapes import bumpy_sphere, plate_over_plane, random_soup
 
 from shadowjax import BruteForce, Mesh, Rays
+from shadowjax.rays import bvh
 from shadowjax.rays._tree_build import LEAF_SIZE, build_topology
 from shadowjax.rays.bvh import _TREES, BoundingVolumeHierarchy
 from shadowjax.rays.grid import Grid
@@ -52,14 +55,42 @@ def test_without_a_tree_it_builds_one_for_a_mesh_at_hand_or_traced_and_forgets_i
     unbound = BoundingVolumeHierarchy()
     assert_same(unbound.closest(mesh, rays), expected)
     (added,) = set(_TREES) - before
-    tree = _TREES[added][1]
+    tree = _TREES[added].tree
     unbound.closest(mesh, rays)
-    assert _TREES[added][1] is tree
+    assert _TREES[added].tree is tree
     assert_same(cast(unbound, mesh, rays), expected)
     small = Mesh(mesh.vertices, mesh.faces[:3], mesh.face_colors[:3])
     assert_same(cast(unbound, small, rays), brute(small, rays))
     del mesh, small
     assert added not in _TREES
+
+
+@pytest.mark.parametrize("reused", [False, True], ids=["numbers of their own", "one number for all"])
+@pytest.mark.parametrize("dies", ["vertices", "faces"])
+def test_a_remembered_tree_goes_with_the_first_of_its_arrays(monkeypatch, dies, reused):
+    """One array lives on; the other is freed, and what comes after it has its number: another size, other contents."""
+    if reused:
+        monkeypatch.setattr(bvh, "id", lambda _: 7, raising=False)
+    rays, whole, unbound = make_rays(2, jnp.float32), random_soup(NUM_FACES, 1, jnp.float32), BoundingVolumeHierarchy()
+    half = whole.faces[: NUM_FACES // 2]
+    colors = jnp.full((NUM_FACES, 3), 0.5, jnp.float32)
+    gc.collect()
+    before = set(_TREES)
+    first = Mesh(whole.vertices, jnp.copy(half), colors[: NUM_FACES // 2])
+    if dies == "vertices":
+        first = Mesh(jnp.copy(whole.vertices), half, colors[: NUM_FACES // 2])
+    assert_same(unbound.closest(first, rays), brute(first, rays))
+    assert len(set(_TREES) - before) == 1
+    # Both alive: the number alone does not say which mesh is asked for.
+    second = whole if dies == "faces" else Mesh(-whole.vertices, half, first.face_colors)
+    assert_same(unbound.closest(second, rays), brute(second, rays))
+    del first
+    gc.collect()
+    assert len(set(_TREES) - before) == 1
+    assert_same(unbound.closest(second, rays), brute(second, rays))
+    del second, whole, half
+    gc.collect()
+    assert set(_TREES) == before
 
 
 def test_every_triangle_is_in_one_leaf_and_every_order_visits_every_node():
