@@ -16,7 +16,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 import shadowjax as sj
-from shadowjax.analysis.equations import SOURCES, Equation, Inputs, ledger
+from shadowjax.analysis.equations import KINDS, SOURCES, Equation, Inputs, ledger
 
 CODE = re.compile(r"(`[^`]+`|(?<!\S)--\w[\w-]*)")
 GALLERY = Path(__file__).parents[1] / "_static" / "gallery"
@@ -108,8 +108,8 @@ IGNORED = ("shadowjax.analysis.inputs", "shadowjax.analysis.equations")
 
 
 def functions_of(equation: Equation) -> list[str]:
-    """Functions of the package that an equation's closed form, derivation and measurement call."""
-    routes = (equation.closed_form, equation.derived, equation.measured)
+    """Functions of the package that an equation's closed form and its other routes call."""
+    routes = (equation.closed_form, *equation.routes().values())
     return list(dict.fromkeys(itertools.chain.from_iterable(package_functions(route) for route in routes)))
 
 
@@ -134,10 +134,10 @@ class EquationTable(SphinxDirective):
                 cell += text(f"Condition: {condition}")
             if found := list(dict.fromkeys(itertools.chain.from_iterable(map(functions_of, equations)))):
                 cell += links(found)
-            routes = [kind for kind in ("derived", "measured") if any(getattr(one, kind) for one in equations)]
+            kinds = [kind for kind in reversed(KINDS) if any(kind in one.routes() for one in equations)]
             ids = nodes.container("", codes([one.id for one in equations]), text(place.removeprefix(f"{source}, ")))
             mark = nodes.paragraph("", "", nodes.inline(text=verdict, classes=["verdict", verdict]))
-            rows.append([ids, cell, nodes.container("", mark, text(", ".join(routes)))])
+            rows.append([ids, cell, nodes.container("", mark, text(", ".join(kinds)))])
         counts = {
             verdict: sum(one.verdict == verdict for one in chosen) for verdict in ("holds", "conditional", "erratum")
         }

@@ -1,8 +1,14 @@
 """The ledger's types and runner: what an equation is, how it is checked, and where its ledgers are merged.
 
-An equation is checked three ways where that makes sense: its closed form, an independent derivation of the same number
-(enumeration, automatic differentiation, quadrature, first principles), and a measurement on the package's own arrays.
-An erratum also shows the printed form failing at a counterexample.
+The closed form of an equation is compared with other routes to the same number, each of one kind:
+
+- `recomputed`: the same formula evaluated again, by another function or from other numbers;
+- `independent`: another derivation (other algebra, automatic differentiation, quadrature, enumeration, optimisation,
+  exact arithmetic, first principles);
+- `measured`: read off by casting, filtering arrays or simulating.
+
+The last is the strongest, and an equation is as well founded as its strongest route. An erratum also shows the printed
+form failing at a counterexample.
 """
 
 import functools
@@ -17,9 +23,11 @@ from shadowjax._checks import require, require_choice
 from shadowjax.analysis.inputs import Inputs, Unavailable, plain, relative_error
 
 Verdict = Literal["holds", "conditional", "erratum"]
+Kind = Literal["recomputed", "independent", "measured"]
 Function = Callable[["Inputs"], Any]
 
 VERDICTS: tuple[Verdict, ...] = ("holds", "conditional", "erratum")
+KINDS: tuple[Kind, ...] = ("recomputed", "independent", "measured")  # from the weakest to the strongest
 SOURCES = ("mdsm", "warping", "filtering", "stencil", "asm")
 LEDGERS = (  # one module of `shadowjax.analysis.ledger` a line
     "mdsm",
@@ -63,11 +71,12 @@ class Equation:
         verdict: `holds`, `conditional` (true under `condition`) or `erratum` (false as printed; see `correction`).
         closed_form: True value as a function of inputs.
         samples: Inputs at which `verify` checks it; pairs (inputs, label) where a family needs the label.
-        derived: The same value by an independent route, or None; it may return None where the route does not go.
-        measured: The same value from the package's own arrays and functions, or None; it may return None likewise.
+        recomputed: The same formula evaluated again, or None; a route may return None where it does not go.
+        independent: The same value by another derivation, or None.
+        measured: The same value from casting, filtered arrays or a simulation, or None.
         condition: When a conditional equation holds.
         correction: The printed form of an erratum.
-        tolerance: Relative error allowed between closed form and derivation; absolute where the value is 0.
+        tolerance: Relative error allowed between closed form and routes; absolute where the value is 0.
         measured_tolerance: The same for the measurement; `tolerance` if None.
         pattern: Regular expression of the families that this equation answers, if more than its id; named groups
             become inputs.
@@ -79,7 +88,8 @@ class Equation:
     verdict: Verdict
     closed_form: Function
     samples: tuple[Mapping[str, Any] | tuple[Mapping[str, Any], str], ...]
-    derived: Function | None = None
+    recomputed: Function | None = None
+    independent: Function | None = None
     measured: Function | None = None
     condition: str = ""
     correction: Correction | None = None
@@ -91,7 +101,7 @@ class Equation:
         require_choice(self.verdict, f"verdict of {self.id}", VERDICTS)
         require_choice(self.id.split(".")[0], f"source of {self.id}", SOURCES)
         require(bool(self.samples), f"{self.id} needs sample inputs, or verify checks nothing")
-        require(self.derived is not None or self.measured is not None, f"{self.id} needs a derivation or a measurement")
+        require(bool(self.routes()), f"{self.id} needs a second route to its value")
         require(
             (self.verdict == "erratum") == (self.correction is not None), f"{self.id}: errata alone have corrections"
         )
@@ -104,6 +114,13 @@ class Equation:
         found = re.fullmatch(self.pattern, family) if self.pattern else None
         return None if found is None else {k: v for k, v in found.groupdict().items() if v is not None}
 
+    def routes(self) -> dict[Kind, Function]:
+        """The routes that the closed form is compared with, from the weakest kind to the strongest."""
+        every: dict[Kind, Function | None] = {
+            "recomputed": self.recomputed, "independent": self.independent, "measured": self.measured,
+        }  # fmt: skip
+        return {kind: route for kind, route in every.items() if route is not None}
+
     def inputs(self) -> tuple[Inputs, ...]:
         """The sample inputs, with what the id itself says."""
         from_id = self.matches(self.id) or {}
@@ -113,9 +130,10 @@ class Equation:
 
 @dataclass(frozen=True)
 class Check:
-    """One comparison: a name, whether it passed, the value, what it was compared with, and the relative error."""
+    """One comparison: a name, its kind, whether it passed, the value, what it should be, and the relative error."""
 
     name: str
+    kind: Kind
     passed: bool
     value: Any
     expected: Any
@@ -124,18 +142,19 @@ class Check:
 
 @dataclass(frozen=True)
 class Result:
-    """What `verify` found about one equation."""
+    """What `verify` found about one equation; its kind is the strongest of its checks."""
 
     id: str
     source: str
     verdict: Verdict
     passed: bool
+    kind: Kind
     checks: tuple[Check, ...]
 
 
-def _check(name: str, value: Any, expected: Any, tolerance: float) -> Check:
+def _check(name: str, kind: Kind, value: Any, expected: Any, tolerance: float) -> Check:
     error = relative_error(value, expected)
-    return Check(name, error <= tolerance, plain(value), plain(expected), error)
+    return Check(name, kind, error <= tolerance, plain(value), plain(expected), error)
 
 
 def _name(kind: str, inputs: Inputs) -> str:
@@ -147,27 +166,31 @@ def check(equation: Equation) -> Result:
     """Check one equation at its sample inputs.
 
     Returns:
-        A result whose checks are, for each sample, derivation = closed form and measurement = closed form, and for an
-        erratum one check that the printed form differs from the truth at the counterexample.
+        A result whose checks are, for each sample, every route = closed form, and for an erratum one check that the
+        printed form, evaluated again, differs from the truth at the counterexample.
     """
-    checks = []
+    checks: list[Check] = []
     for inputs in equation.inputs():
         expected = equation.closed_form(inputs)
         loose = equation.tolerance if equation.measured_tolerance is None else equation.measured_tolerance
-        routes = (("derived", equation.derived, equation.tolerance), ("measured", equation.measured, loose))
-        for kind, route, allowed in routes:
-            value = None if route is None else route(inputs)
+        for kind, route in equation.routes().items():
+            value = route(inputs)
             if value is not None:
-                checks.append(_check(_name(kind, inputs), value, expected, allowed))
+                allowed = loose if kind == "measured" else equation.tolerance
+                checks.append(_check(_name(kind, inputs), kind, value, expected, allowed))
+    passed = bool(checks) and all(one.passed for one in checks)
     if equation.correction is not None:
         correction = equation.correction
         inputs = Inputs(correction.counterexample, correction.label).merged(equation.matches(equation.id) or {})
         truth, printed = (correction.corrected_form or equation.closed_form)(inputs), correction.printed_form(inputs)
         error = relative_error(printed, truth)
         differs = error > max(equation.tolerance, equation.measured_tolerance or 0.0)
-        checks.append(Check(_name("printed form refuted", inputs), differs, plain(printed), plain(truth), error))
-    passed = bool(checks) and all(one.passed for one in checks)
-    return Result(equation.id, equation.source, equation.verdict, passed, tuple(checks))
+        name = _name("printed form refuted", inputs)
+        checks.append(Check(name, "recomputed", differs, plain(printed), plain(truth), error))
+        passed = passed and differs
+    made = {one.kind for one in checks}
+    kind: Kind = "measured" if "measured" in made else "independent" if "independent" in made else "recomputed"
+    return Result(equation.id, equation.source, equation.verdict, passed, kind, tuple(checks))
 
 
 @functools.cache
@@ -237,6 +260,7 @@ def to_json(results: Iterable[Result]) -> dict[str, Any]:
                 "source": result.source,
                 "verdict": result.verdict,
                 "passed": result.passed,
+                "kind": result.kind,
                 "checks": [vars(one) for one in result.checks],
             }
             for result in results
@@ -245,6 +269,6 @@ def to_json(results: Iterable[Result]) -> dict[str, Any]:
 
 
 __all__ = [
-    "Check", "Correction", "Equation", "Inputs", "Result", "Unavailable", "Verdict",
+    "KINDS", "Check", "Correction", "Equation", "Inputs", "Kind", "Result", "Unavailable", "Verdict",
     "check", "evaluate", "find", "ledger", "plain", "relative_error", "to_json", "verify",
 ]  # fmt: skip

@@ -14,6 +14,10 @@ class Unavailable(ValueError):
     """A value that cannot be recomputed from its inputs; the message says why."""
 
 
+class Estimate(Fraction):
+    """A share of random configurations: exact for those drawn here, and another one for others."""
+
+
 class Inputs(Mapping[str, Any]):
     """Named inputs of one evaluation, read as numbers whatever their spelling (number, decimal string, fraction).
 
@@ -39,6 +43,10 @@ class Inputs(Mapping[str, Any]):
 
     def __contains__(self, name: object) -> bool:
         return name in self._values
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """An input as it came, or `default`."""
+        return self._values.get(name, default)
 
     def _lookup(self, names: tuple[str, ...]) -> Any:
         for name in names:

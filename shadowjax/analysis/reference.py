@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from shadowjax.analysis.equations import Unavailable, evaluate, plain, relative_error
+from shadowjax.analysis.inputs import Estimate
 
 Status = Literal["matched", "differs", "not covered"]
 TOLERANCE = 1e-9
@@ -41,13 +42,17 @@ def compare_row(row: Mapping[str, Any]) -> RowOutcome:
         row: `id`, `inputs` and `value` as in a values file; `digits` says how many of the value are good.
 
     Returns:
-        Status `not covered`, with the reason, where no equation answers or the inputs do not suffice.
+        Status `not covered`, with the reason, where no equation answers, the inputs do not suffice, or the value is a
+        share of random configurations that the inputs do not give.
     """
     row_id, expected, tolerance = str(row["id"]), row["value"], row_tolerance(row)
     try:
         value = evaluate(family_of(row_id), row.get("inputs") or {}, row_id)
     except Unavailable as reason:
         return RowOutcome(row_id, "not covered", None, expected, tolerance=tolerance, reason=str(reason))
+    if isinstance(value, Estimate):
+        reason = f"a share of random configurations; of those drawn here it is {float(value):.4f}"
+        return RowOutcome(row_id, "not covered", plain(value), expected, tolerance=tolerance, reason=reason)
     error = relative_error(value, expected)
     status: Status = "matched" if error <= tolerance else "differs"
     return RowOutcome(row_id, status, plain(value), expected, error, tolerance)

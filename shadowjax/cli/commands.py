@@ -199,9 +199,9 @@ def verify(chosen: options.Verify) -> int:
     failed = [result for result in results if not result.passed]
     if not _write_json(chosen.json, equations.to_json(results)):
         rows = [
-            (r.id, r.source, r.verdict, len(r.checks), "passed" if r.passed else "FAILED") for r in results
+            (r.id, r.source, r.verdict, r.kind, len(r.checks), "passed" if r.passed else "FAILED") for r in results
         ]  # fmt: skip
-        show_table("equations", ("id", "source", "verdict", "checks", "result"), rows, numeric=(3,))
+        show_table("equations", ("id", "source", "verdict", "kind", "checks", "result"), rows, numeric=(4,))
         say(f"{len(results) - len(failed)} of {len(results)} passed")
     for result in failed:
         complain("shadowjax", f"{result.id} ({result.source}) failed")

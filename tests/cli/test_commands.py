@@ -82,7 +82,7 @@ def test_verify_writes_the_ledgers_results(capsys, tmp_path):
     assert only[0] == "equations"
     wanted = [name for name in equations.ledger() if name.startswith("asm")]
     assert [one["id"] for one in only[1]] == wanted
-    assert set(only[1][0]) == {"id", "source", "verdict", "passed", "checks"}
+    assert set(only[1][0]) == {"id", "source", "verdict", "passed", "kind", "checks"}
     assert {one["verdict"] for one in only[1]} <= {"holds", "conditional", "erratum"}
 
 
@@ -90,7 +90,10 @@ def test_a_failed_equation_is_exit_one(capsys, monkeypatch):
     right = equations.verify
 
     def wrong(chosen, progress=None):
-        return [equations.Result(r.id, r.source, r.verdict, False, r.checks) for r in right(list(chosen)[:1], progress)]
+        return [
+            equations.Result(r.id, r.source, r.verdict, False, r.kind, r.checks)
+            for r in right(list(chosen)[:1], progress)
+        ]
 
     monkeypatch.setattr(equations, "verify", wrong)
     assert main(["verify", "--only", "asm"]) == 1

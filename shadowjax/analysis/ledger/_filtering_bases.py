@@ -5,9 +5,10 @@ import math
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy import integrate, optimize, special
+from scipy import integrate, optimize
 
 from shadowjax._types import Array, Float, default_dtype
+from shadowjax.analysis import limits, memory
 from shadowjax.analysis.equations import Correction, Equation, Inputs
 from shadowjax.analysis.ledger._filtering_moments import occluders
 from shadowjax.filters.convolution import damping_weights, fourier_bases, fourier_visibility, frequencies
@@ -68,17 +69,10 @@ def _first_maximum(inputs: Inputs) -> float:
     return float(optimize.brentq(lambda x: _slope(x, terms), low, high, xtol=1e-15))  # pyright: ignore[reportArgumentType]
 
 
-def _first_overshoot(inputs: Inputs) -> float:
-    """Value of the series at its first maximum, 1/(2M) if undamped."""
-    terms, damping = _size(inputs)
-    return step_series(1 / (2 * terms), terms) if damping == 0 else _largest(inputs)
-
-
 def _overshoot_integrated(inputs: Inputs) -> float:
+    """The undamped series at 1/(2M) as an integral of its slope; the largest value if damped."""
     terms, damping = _size(inputs)
-    if damping != 0:
-        return _largest_sampled(inputs)
-    return _dirichlet(Inputs({"M": terms, "z_minus_d": 1 / (2 * terms)}))
+    return _largest(inputs) if damping else _dirichlet(Inputs({"M": terms, "z_minus_d": 1 / (2 * terms)}))
 
 
 def _largest(inputs: Inputs) -> float:
@@ -90,20 +84,6 @@ def _largest(inputs: Inputs) -> float:
     slope = lambda x: _slope(x, terms, damping)  # noqa: E731
     peaks = [float(optimize.brentq(slope, grid[i], grid[i + 1], xtol=1e-15)) for i in falls]  # pyright: ignore[reportArgumentType]
     return max(step_series(x, terms, damping) for x in (*peaks, 0.5))
-
-
-def _largest_sampled(inputs: Inputs) -> float:
-    """The same by sampling alone, refined threefold around the best sample."""
-    terms, damping = _size(inputs)
-    c, weight = frequencies(terms), damping_weights(terms, damping) / frequencies(terms)
-    low, high, best = 0.0, 0.5, 0.0
-    for _ in range(4):
-        x = np.linspace(low, high, 2001)
-        values = 0.5 + 2 * (np.sin(np.outer(x, c)) @ weight)
-        at = int(np.argmax(values))
-        best = float(values[at])
-        low, high = x[max(at - 1, 0)], x[min(at + 1, 2000)]
-    return best
 
 
 def _slope_by_autodiff(inputs: Inputs) -> float:
@@ -147,6 +127,40 @@ def _series_of_mean_split(inputs: Inputs) -> float:
     return _split_bases(Inputs({**inputs, "z": sum(w * z for w, z in zip(weights, depths, strict=True))}))
 
 
+def _textures_filled(inputs: Inputs) -> int:
+    """Basis images of the package's filter put into textures of four channels, one after another."""
+    bases = fourier_bases(jnp.zeros((1, 1), default_dtype()), inputs.integer("M"))
+    textures: list[list[int]] = [[]]
+    for plane in range(bases.shape[0]):
+        if len(textures[-1]) == 4:
+            textures.append([])
+        textures[-1].append(plane)
+    return len(textures)
+
+
+def _quantised_error(inputs: Inputs) -> float:
+    """Largest difference of the series with and without rounding of its bases to 255 steps, on a grid of depths."""
+    terms = inputs.integer("M", default=16)
+    depth = np.linspace(0, 1, 401)
+    angle = np.outer(depth, np.pi * np.arange(1, 2 * terms, 2))
+    bases = np.concatenate([np.sin(angle), np.cos(angle)], axis=1)
+    lost = np.round((bases + 1) * 127.5) / 127.5 - 1 - bases
+    receiver = np.concatenate([np.cos(angle), -np.sin(angle)], axis=1) * np.tile(
+        2 / np.pi / np.arange(1, 2 * terms, 2), 2
+    )
+    return float(np.abs(lost @ receiver.T).max())
+
+
+def _quantised_measured(inputs: Inputs) -> float | None:
+    """The same at depth 0 through the package's filter of 16 terms."""
+    if inputs.integer("M", default=16) != 16:
+        return None
+    bases = fourier_bases(jnp.zeros((1, 1), default_dtype()), inputs.integer("M", default=16))[:, 0, 0]
+    coarse = jnp.round((bases + 1) * 127.5) / 127.5 - 1
+    zero = jnp.zeros((), default_dtype())
+    return float(jnp.abs(fourier_visibility(list(coarse), zero) - fourier_visibility(list(bases), zero)))
+
+
 _TERMS = tuple({"M": terms} for terms in (1, 2, 4, 8, 16, 32))
 _DAMPED = tuple({"M": terms, "alpha": alpha} for terms in (4, 8, 16) for alpha in (0, 0.5, 1, 2, 4))
 _REGION = ({"d": 0.7, "M": 16}, "0.5@0.2,0.5@0.8,d=0.7,M=16")
@@ -159,7 +173,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="The sine coefficient of the step's series is 2/c_k.",
         verdict="holds",
         closed_form=lambda i: 2 / ((2 * i.integer("k") - 1) * math.pi),
-        derived=_square_wave_coefficient,
+        independent=_square_wave_coefficient,
         samples=tuple({"k": k} for k in (1, 2, 3, 8)),
     ),
     Equation(
@@ -168,7 +182,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="The step is H(z − d), so its series holds sin c_k(z − d).",
         verdict="erratum",
         closed_form=_series,
-        derived=_split_bases,
+        independent=_split_bases,
         correction=Correction(
             printed="f = H(d − z) with sin c_k(d − z)",
             corrected="f = H(z − d) with sin c_k(z − d), as (2.1) and (2.17) need; the printed series is 1 − (2.17)",
@@ -184,7 +198,7 @@ EQUATIONS: tuple[Equation, ...] = (
         verdict="conditional",
         condition="|z − d| < 1; the series has period 2.",
         closed_form=_series,
-        derived=_split_bases,
+        independent=_split_bases,
         measured=_series_measured,
         measured_tolerance=1e-5,
         samples=(*_STEPS, {"d": 0.2, "z": 0.9, "M": 8, "alpha": 1}),
@@ -197,7 +211,7 @@ EQUATIONS: tuple[Equation, ...] = (
             statement="The series is ½ at z − d = 0 and falls back to ½ at ±1.",
             verdict="holds",
             closed_form=lambda i: step_series(i.number("z_minus_d"), *_size(i)),
-            derived=_dirichlet,
+            independent=_dirichlet,
             samples=({"M": 16}, {"M": 4}),
         )
         for difference in ("0.0", "0.999", "1.0")
@@ -208,7 +222,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="The undamped series has its first maximum at z − d = 1/(2M).",
         verdict="holds",
         closed_form=lambda i: 1 / (2 * i.integer("M")),
-        derived=_first_maximum,
+        independent=_first_maximum,
         samples=_TERMS,
     ),
     Equation(
@@ -216,8 +230,8 @@ EQUATIONS: tuple[Equation, ...] = (
         source="filtering, section 2.4",
         statement="Overshoot of the truncated series at its first maximum.",
         verdict="holds",
-        closed_form=_first_overshoot,
-        derived=_overshoot_integrated,
+        closed_form=lambda i: limits.gibbs_peak(*_size(i)),
+        independent=_overshoot_integrated,
         samples=_TERMS,
     ),
     Equation(
@@ -225,8 +239,10 @@ EQUATIONS: tuple[Equation, ...] = (
         source="filtering, section 2.4",
         statement="The overshoot tends to ½ + Si(π)/π.",
         verdict="holds",
-        closed_form=lambda i: 0.5 + float(special.sici(math.pi)[0]) / math.pi,
-        derived=lambda i: 0.5 + integrate.quad(lambda x: np.sinc(x / math.pi), 0, math.pi, epsabs=1e-13)[0] / math.pi,
+        closed_form=lambda i: limits.gibbs_peak(None),
+        independent=lambda i: (
+            0.5 + integrate.quad(lambda x: np.sinc(x / math.pi), 0, math.pi, epsabs=1e-13)[0] / math.pi
+        ),
         samples=({},),
     ),
     Equation(
@@ -234,8 +250,8 @@ EQUATIONS: tuple[Equation, ...] = (
         source="filtering, section 2.4",
         statement="Slope of the damped series at z = d: 2 Σ exp(−α(k/M)²), 2M undamped.",
         verdict="holds",
-        closed_form=lambda i: 2 * math.fsum(damping_weights(*_size(i))),
-        derived=_slope_by_autodiff,
+        closed_form=lambda i: limits.step_slope(*_size(i)),
+        independent=_slope_by_autodiff,
         tolerance=1e-6,  # automatic derivatives may run in float32
         samples=_DAMPED,
     ),
@@ -245,7 +261,8 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="Largest value of the damped series on (0, ½].",
         verdict="holds",
         closed_form=_largest,
-        derived=_largest_sampled,
+        independent=lambda i: limits.gibbs_peak(*_size(i)),
+        tolerance=1e-8,  # sampled, within a 64 000th of a period
         samples=_DAMPED,
     ),
     Equation(
@@ -253,8 +270,8 @@ EQUATIONS: tuple[Equation, ...] = (
         source="filtering, section 2.4",
         statement="Damping changes the slope of the step from 2M to 2 Σ exp(−α(k/M)²), which is less.",
         verdict="erratum",
-        closed_form=lambda i: bool(2 * math.fsum(damping_weights(*_size(i))) > 2 * i.integer("M")),
-        derived=lambda i: bool(_slope_by_autodiff(i) > 2 * i.integer("M")),
+        closed_form=lambda i: bool(limits.step_slope(*_size(i)) > 2 * i.integer("M")),
+        independent=lambda i: bool(_slope_by_autodiff(i) > 2 * i.integer("M")),
         correction=Correction(
             printed="the damped step is steeper",
             corrected="it is less steep: slope 23.26 instead of 32 for M = 16, α = 1",
@@ -268,9 +285,22 @@ EQUATIONS: tuple[Equation, ...] = (
         source="filtering, section 2.4",
         statement="M terms need 2M basis values, four to a texture.",
         verdict="holds",
-        closed_form=lambda i: -(-2 * i.integer("M") // 4),
-        derived=lambda i: math.ceil(len(np.concatenate([frequencies(i.integer("M"))] * 2)) / 4),
-        samples=({"M": 16}, {"M": 4}),
+        closed_form=lambda i: memory.convolution_textures(i.integer("M")),
+        independent=lambda i: sum(one.count for one in memory.planes_in_formats(2 * i.integer("M"), bits=8)),
+        measured=_textures_filled,
+        samples=({"M": 16}, {"M": 4}, {"M": 5}),
+    ),
+    Equation(
+        id="filtering.CSM.8bit_max_error",
+        source="filtering, section 2.4",
+        statement="Error that bases of 8 bits bring to the series: (2/255)·Σ 1/c_k, at z = d = 0.",
+        verdict="conditional",
+        condition="The largest on a grid of depths for M ≥ 16; with fewer terms other depths are worse, by √2 at most.",
+        closed_form=lambda i: 2 / 255 * math.fsum(1 / frequencies(i.integer("M", default=16))),
+        independent=_quantised_error,
+        measured=_quantised_measured,
+        measured_tolerance=1e-3,  # bases of float32
+        samples=({"M": 16}, {"M": 32}),
     ),
     Equation(
         id="filtering.CSM.filtered",
@@ -278,7 +308,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="Filtering the bases is filtering the series itself.",
         verdict="holds",
         closed_form=_mean_series,
-        derived=_filtered_bases,
+        independent=_filtered_bases,
         samples=(_REGION, ({"d": 0.4, "M": 4}, "0.25@0.2,0.75@0.8")),
     ),
     Equation(
@@ -287,7 +317,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="Bases of the filtered depth give the series of the mean depth, not the mean of the series.",
         verdict="erratum",
         closed_form=_series_of_mean,
-        derived=_series_of_mean_split,
+        independent=_series_of_mean_split,
         correction=Correction(
             printed="bases made from a filtered depth give very similar results",
             corrected="B(w∗z) ≠ w∗B(z): half lit half shadowed gives 0.006 instead of 0.519",

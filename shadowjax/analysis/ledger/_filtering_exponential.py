@@ -1,6 +1,7 @@
 """Filtering source, section 2.5: exponential shadow maps and the range of their exponents."""
 
 import math
+from fractions import Fraction
 
 import jax.numpy as jnp
 import numpy as np
@@ -38,6 +39,19 @@ def _filtered_exponential_factors(inputs: Inputs) -> float:
     return math.exp(-c * inputs.number("d")) * stored
 
 
+def _violated(inputs: Inputs) -> Inputs:
+    """Half the kernel before the receiver and half beyond it, unless the row says otherwise."""
+    label = inputs.label if "@" in inputs.label else "0.5@0.3,0.5@0.7"
+    return Inputs({"d": 0.6, "c": 80, **inputs}, label)
+
+
+def _blurred_exponential(inputs: Inputs) -> float:
+    """The package's test, averaged over the kernel."""
+    weights, depths = (jnp.asarray(part, default_dtype()) for part in occluders(inputs))
+    receiver = jnp.asarray(inputs.number("d"), default_dtype())
+    return float(jnp.sum(weights * exponential_test(depths, receiver, inputs.number("c"))))
+
+
 def _ceiling(dtype: type[np.floating], subnormals: bool | None = None) -> float:
     """ln of the largest number; of its ratio to the smallest normal or subnormal number if asked."""
     info = np.finfo(dtype)
@@ -56,6 +70,15 @@ def _ceiling_searched(dtype: type[np.floating], below: float = 0.0) -> float:
     return low
 
 
+def _exponential_series(inputs: Inputs) -> float:
+    """e³⁰ by its power series in whole fractions."""
+    term = total = Fraction(1)
+    for k in range(1, 130):
+        term = term * 30 / k
+        total += term
+    return float(total)
+
+
 EQUATIONS: tuple[Equation, ...] = (
     Equation(
         id="filtering.Eq2.19.limit",
@@ -64,7 +87,7 @@ EQUATIONS: tuple[Equation, ...] = (
         verdict="conditional",
         condition="d ≥ z; the text assumes d > z, where the limit is always 0.",
         closed_form=lambda i: int(i.fraction("d") == i.fraction("z")),
-        derived=lambda i: math.exp(-1e12 * float(i.fraction("d") - i.fraction("z"))),
+        independent=lambda i: math.exp(-1e12 * float(i.fraction("d") - i.fraction("z"))),
         samples=({"d": 0.5, "z": 0.45}, {"d": 0.5, "z": 0.5}),
     ),
     Equation(
@@ -74,7 +97,7 @@ EQUATIONS: tuple[Equation, ...] = (
         verdict="conditional",
         condition="z ≤ d; otherwise it exceeds 1.",
         closed_form=_exponential,
-        derived=_exponential_factors,
+        independent=_exponential_factors,
         measured=_exponential_measured,
         measured_tolerance=1e-5,
         samples=tuple({"d": 0.5, "z": z, "c": 80} for z in (0.45, 0.49)),
@@ -86,8 +109,19 @@ EQUATIONS: tuple[Equation, ...] = (
         verdict="conditional",
         condition="z ≤ d over the whole kernel.",
         closed_form=_filtered_exponential,
-        derived=_filtered_exponential_factors,
+        independent=_filtered_exponential_factors,
         samples=(({"d": 0.6, "c": 80}, "0.5@0.3,0.5@0.6"), ({"d": 0.6, "c": 80}, "0.5@0.3,0.5@0.7")),
+    ),
+    Equation(
+        id="filtering.Eq2.21.violation",
+        source="filtering, eq. 2.21",
+        statement="Where a stored depth lies beyond the receiver the filtered exponential exceeds 1, without bound.",
+        verdict="holds",
+        closed_form=lambda i: _filtered_exponential(_violated(i)),
+        independent=lambda i: _filtered_exponential_factors(_violated(i)),
+        measured=lambda i: _blurred_exponential(_violated(i)),
+        measured_tolerance=1e-4,  # float32 of an exponent near 80
+        samples=({}, ({"d": 0.5, "c": 30}, "0.25@0.4,0.75@0.6")),
     ),
     *(
         Equation(
@@ -96,10 +130,10 @@ EQUATIONS: tuple[Equation, ...] = (
             statement=statement,
             verdict="holds",
             closed_form=closed_form,
-            derived=derived,
+            independent=independent,
             samples=({},),
         )
-        for name, statement, closed_form, derived in (
+        for name, statement, closed_form, independent in (
             (
                 "cmax_fp32",
                 "Largest c with e^c finite in float32.",
@@ -124,7 +158,7 @@ EQUATIONS: tuple[Equation, ...] = (
                 lambda i: _ceiling(np.float16, subnormals=True),
                 lambda i: _ceiling_searched(np.float16, below=24 * math.log(2)),
             ),
-            ("e30", "e³⁰, beyond float16.", lambda i: math.exp(30), lambda i: math.exp(3.75) ** 8),
+            ("e30", "e³⁰, beyond float16.", lambda i: math.exp(30), _exponential_series),
         )
     ),
     Equation(
@@ -134,7 +168,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="Largest depth that e^(cz) can store in float16: ln(65504)/c.",
         verdict="erratum",
         closed_form=lambda i: _ceiling(np.float16) / i.number("c"),
-        derived=lambda i: _ceiling_searched(np.float16) / i.number("c"),
+        independent=lambda i: _ceiling_searched(np.float16) / i.number("c"),
         correction=Correction(
             printed="c = 30 suits 16-bit textures (depths up to 1)",
             corrected="it overflows beyond z = 0.3697; c ≤ 11 for depths up to 1",

@@ -166,6 +166,22 @@ def _second_moment(inputs: Inputs, coefficient: float) -> float:
     return inputs.number("mu") ** 2 + coefficient * slopes
 
 
+def _second_moment_integrated(inputs: Inputs) -> float | None:
+    """E[(μ + z_x·x + z_y·y)²] by quadrature over the footprint's two axes, a Gaussian or a box."""
+    kind, size = _footprint(inputs.text("footprint"))
+    if kind == "gaussian":
+        nodes, weights = np.polynomial.hermite_e.hermegauss(4)
+        nodes = nodes * size
+    elif kind == "box":
+        nodes, weights = np.polynomial.legendre.leggauss(4)
+        nodes = nodes * size / 2
+    else:
+        return None
+    x, y = nodes[:, None], nodes
+    depth = inputs.number("mu") + inputs.number("dzdx") * x + inputs.number("dzdy") * y
+    return float(weights @ depth**2 @ weights / np.sum(weights) ** 2)
+
+
 def _linear_step(inputs: Inputs) -> float:
     low, high = inputs.number("L"), inputs.number("H")
     return min(max((inputs.number("v") - low) / (high - low), 0.0), 1.0)
@@ -215,7 +231,7 @@ EQUATIONS: tuple[Equation, ...] = (
         verdict="conditional",
         condition="θ and φ count from the first texel's centre.",
         closed_form=_bilinear,
-        derived=_box_overlap,
+        independent=_box_overlap,
         measured=_bilinear_measured,
         measured_tolerance=1e-6,
         samples=tuple({**_QUAD, "d": d, "theta": x, "phi": y} for d, x, y in ((0.4, 0.3, 0.7), (0.25, 0.1, 0.9))),
@@ -226,7 +242,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="Variance is E[z²] − E[z]²: p(1−p)(z₂−z₁)² for two depths.",
         verdict="holds",
         closed_form=lambda i: _moments(i)[1],
-        derived=lambda i: _central_moments(i)[1],
+        independent=lambda i: _central_moments(i)[1],
         samples=tuple({**_TWO, "p": p} for p in (0.25, 0.5, 0.9)),
     ),
     Equation(
@@ -235,7 +251,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="The one-sided Chebyshev bound is the lit share itself for two planes and a receiver on the farther.",
         verdict="holds",
         closed_form=_chebyshev,
-        derived=lambda i: i.number("p") if i.number("d") == i.number("z_rec") else _markov(i),
+        independent=lambda i: i.number("p") if i.number("d") == i.number("z_rec") else _markov(i),
         samples=tuple({**_TWO, "p": p, "d": 0.7} for p in (0.25, 0.5, 0.9)),
     ),
     Equation(
@@ -245,7 +261,7 @@ EQUATIONS: tuple[Equation, ...] = (
         verdict="conditional",
         condition="d > μ.",
         closed_form=_chebyshev,
-        derived=_markov,
+        independent=_markov,
         samples=({**_TWO, "p": 0.5, "d": 0.6}, {**_TWO, "p": 0.25, "d": 0.6}),
     ),
     Equation(
@@ -254,7 +270,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="A region of two occluders in front of the receiver gets light although none of it is lit.",
         verdict="holds",
         closed_form=_chebyshev,
-        derived=_markov,
+        independent=_markov,
         samples=({"p": [0.3, 0.7], "z": [0.1, 0.5], "d": 0.9},),
     ),
     Equation(
@@ -263,7 +279,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="P(z ≥ d) is the lit share of the region.",
         verdict="erratum",
         closed_form=_lit_share,
-        derived=lambda i: i.number("p") if i.number("d") > i.number("z_occ") else 1.0,
+        independent=lambda i: i.number("p") if i.number("d") > i.number("z_occ") else 1.0,
         correction=Correction(
             printed="P(z ≥ d) is the share whose test is negative",
             corrected="it is the share whose test (2.1) is positive",
@@ -278,7 +294,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="Variance shadow maps: 1 where d ≤ μ, else the bound (2.7).",
         verdict="holds",
         closed_form=_visibility,
-        derived=_visibility_from_bound,
+        independent=_visibility_from_bound,
         measured=_visibility_measured,
         measured_tolerance=1e-5,
         samples=tuple({**_TWO, "p": p, "d": 0.6} for p in (0.25, 0.5, 0.9)),
@@ -289,7 +305,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="(d−μ)/σ at which the bound takes a value: √(1/p − 1).",
         verdict="holds",
         closed_form=lambda i: math.sqrt(1 / i.number("pmax") - 1),
-        derived=lambda i: optimize.brentq(lambda r: 1 / (1 + r * r) - i.number("pmax"), 0.0, 1e4, xtol=1e-14),  # pyright: ignore[reportArgumentType]
+        independent=lambda i: optimize.brentq(lambda r: 1 / (1 + r * r) - i.number("pmax"), 0.0, 1e4, xtol=1e-14),  # pyright: ignore[reportArgumentType]
         samples=({"pmax": 0.8}, {"pmax": 0.5}, {"pmax": 0.1}),
     ),
     Equation(
@@ -299,7 +315,7 @@ EQUATIONS: tuple[Equation, ...] = (
         verdict="conditional",
         condition="¼ belongs to σ = ½, a box of width √3 or a disc of radius 1; a texel's own box has 1/12.",
         closed_form=_coefficient,
-        derived=_coefficient_quadrature,
+        independent=_coefficient_quadrature,
         samples=tuple(
             {"footprint": text}
             for text in (
@@ -320,8 +336,10 @@ EQUATIONS: tuple[Equation, ...] = (
         verdict="conditional",
         condition="The footprint is centred and isotropic, the surface planar.",
         closed_form=lambda i: _second_moment(i, _coefficient(i)),
-        derived=lambda i: _second_moment(i, _coefficient_quadrature(i)),
-        samples=({"mu": 0.4, "dzdx": 0.03, "dzdy": 0.05, "footprint": "Gaussian sigma=1/2"},),
+        independent=_second_moment_integrated,
+        samples=tuple(
+            {"mu": 0.4, "dzdx": 0.3, "dzdy": 0.5, "footprint": text} for text in ("Gaussian sigma=1/2", "box width 1")
+        ),
     ),
     Equation(
         id="filtering.Alg2",
@@ -329,7 +347,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="Linear step against light bleeding: (v−L)/(H−L), clamped to [0, 1].",
         verdict="holds",
         closed_form=_linear_step,
-        derived=lambda i: float(np.interp(i.number("v"), [i.number("L"), i.number("H")], [0.0, 1.0])),
+        independent=lambda i: float(np.interp(i.number("v"), [i.number("L"), i.number("H")], [0.0, 1.0])),
         measured=_linear_step_measured,
         measured_tolerance=1e-6,
         samples=({"L": 0.2, "H": 1, "v": 0.6}, {"L": 0.1, "H": 1, "v": 0.999}, {"L": 0.3, "H": 1, "v": 0.25}),
@@ -340,7 +358,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="Standard deviation that one rounding of the second moment can make up: μ√u.",
         verdict="holds",
         closed_form=lambda i: i.number("mu") * math.sqrt(_unit_roundoff(i)),
-        derived=_depth_precision,
+        independent=_depth_precision,
         samples=(({"mu": 0.5}, "fp32,mu=0.5"), ({"mu": 0.25}, "fp16,mu=0.25")),
     ),
     Equation(
@@ -349,7 +367,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="Bits that a summed-area table of N × N values needs beyond those of a value: 2·log₂N.",
         verdict="erratum",
         closed_form=lambda i: 2 * math.log2(i.integer("N")),
-        derived=lambda i: math.log2(float(np.cumsum(np.cumsum(np.ones((i.integer("N"),) * 2), 0), 1)[-1, -1])),
+        independent=lambda i: math.log2(float(np.cumsum(np.cumsum(np.ones((i.integer("N"),) * 2), 0), 1)[-1, -1])),
         correction=Correction(
             printed="a summed-area table reduces numerical instability",
             corrected="its sums need more bits than the values; differences of large sums cancel",

@@ -148,17 +148,18 @@ def _lone_hole(inputs: Inputs, include_centre: bool) -> float:
     return float(real.planes(jnp.asarray(depth), "2-SM max", include_centre)[1, 2, 2])
 
 
-def _channel(inputs: Inputs) -> float:
-    """Depth read back from a texel with four channels, written to the first and read from the first."""
-    texel = np.zeros(4)
-    texel[inputs.integer("written")] = inputs.number("depth")
-    return float(texel[inputs.integer("written")])
+def _extent_measured(inputs: Inputs) -> int:
+    """Least coordinate, in half texels, that the package's addressing takes beyond the last of D texels."""
+    halves = np.arange(4 * inputs.integer("D")) / 2
+    index = np.asarray(texel_index(jnp.asarray(halves)))
+    return round(float(halves[index >= inputs.integer("D")].min()))
 
 
-def _channel_printed(inputs: Inputs) -> float:
-    texel = np.zeros(4)
-    texel[inputs.integer("written")] = inputs.number("depth")
-    return float(texel[inputs.integer("read")])
+def _own_depth(inputs: Inputs, plane: int) -> float:
+    """What a plane of the package's two-depth maps holds where a texel lies before its neighbours."""
+    depth = np.full((3, 3), inputs.number("around"))
+    depth[1, 1] = inputs.number("depth")
+    return float(real.planes(jnp.asarray(depth), "2-SM max")[plane, 1, 1])
 
 
 _SIZES = ({"D": 512}, {"D": 256}, {"D": 100}, {"D": 37})
@@ -171,7 +172,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="x/2 + ½ takes normalised device coordinates to [0, 1].",
         verdict="holds",
         closed_form=lambda i: i.number("x_ndc") / 2 + 0.5,
-        derived=lambda i: float(np.interp(i.number("x_ndc"), [-1.0, 1.0], [0.0, 1.0])),
+        independent=lambda i: float(np.interp(i.number("x_ndc"), [-1.0, 1.0], [0.0, 1.0])),
         samples=tuple({"x_ndc": x} for x in (-1, -0.5, 0, 0.3, 1)),
     ),
     Equation(
@@ -180,7 +181,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="Texture coordinate x·(D−1)/2 + (D−1)/2; its literal value.",
         verdict="erratum",
         closed_form=_literal_coordinate,
-        derived=_literal_by_interpolation,
+        independent=_literal_by_interpolation,
         correction=Correction(
             printed="coordinates of a texture of D texels span [0, D − 1], so x·(D−1)/2 + (D−1)/2",
             corrected="they span [0, D] with centres at i + ½, so x·D/2 + D/2",
@@ -196,7 +197,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="Share of positions that (4.4) takes to a wrong texel, over 2²⁰ evenly spaced positions.",
         verdict="erratum",
         closed_form=_sampled_misaddress,
-        derived=_exact_misaddress,
+        independent=_exact_misaddress,
         tolerance=1e-5,  # two positions a breakpoint over 2²⁰ positions and D breakpoints, D ≪ 2²⁰
         correction=Correction(
             printed="(4.4) addresses the texel that a position lies in",
@@ -213,7 +214,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="Exact share of positions that (4.4) misaddresses with rounding.",
         verdict="holds",
         closed_form=_round_fraction,
-        derived=lambda i: _exact_misaddress(Inputs(i, "round")),
+        independent=lambda i: _exact_misaddress(Inputs(i, "round")),
         samples=_SIZES,
     ),
     *(
@@ -223,7 +224,7 @@ EQUATIONS: tuple[Equation, ...] = (
             statement=statement,
             verdict="holds",
             closed_form=closed_form,
-            derived=_wrong_centres(rule),
+            independent=_wrong_centres(rule),
             measured=_wrong_centres_measured(rule),
             samples=_SIZES,
         )
@@ -256,8 +257,8 @@ EQUATIONS: tuple[Equation, ...] = (
         source="mdsm, figure 4.18",
         statement="Largest texture coordinate of the matrix in the figure.",
         verdict="erratum",
-        closed_form=lambda i: i.integer("D"),
-        derived=lambda i: int(_rect_coordinate(Inputs({"x_ndc": 1, "D": i["D"]}))),
+        closed_form=lambda i: round(_rect_coordinate(Inputs({"x_ndc": 1, "D": i["D"]}))),
+        measured=_extent_measured,
         correction=Correction(
             printed="the matrix scales and shifts by (D−1)/2, written in integers: [0, 510] for D = 512",
             corrected="scale and shift by D/2: [0, D]",
@@ -269,17 +270,18 @@ EQUATIONS: tuple[Equation, ...] = (
     Equation(
         id="mdsm.fig4.13.channel",
         source="mdsm, figures 4.13 and 4.16",
-        statement="A pass that reads a depth reads the channel that it was written to.",
+        statement="A pass that reads a texel's own depth reads the channel, here the plane, that it was written to.",
         verdict="erratum",
         closed_form=lambda i: i.number("depth"),
-        derived=_channel,
+        measured=lambda i: _own_depth(i, plane=0),
+        measured_tolerance=1e-6,
         correction=Correction(
             printed="figure 4.13 writes the depth to channel x, figure 4.16 reads channel z",
             corrected="one channel for both",
-            printed_form=_channel_printed,
-            counterexample={"depth": 0.7, "written": 0, "read": 2},
+            printed_form=lambda i: _own_depth(i, plane=1),
+            counterexample={"depth": 0.7, "around": 0.9},
         ),
-        samples=({"depth": 0.7, "written": 0, "read": 2}, {"depth": 3.25, "written": 2, "read": 2}),
+        samples=({"depth": 0.7, "around": 0.9}, {"depth": 3.25, "around": 4.0}),
     ),
     Equation(
         id="mdsm.fig4.16.neighbour",
@@ -303,7 +305,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="The figure's sum of 18 lit tests in float32, which falls short of 1.",
         verdict="erratum",
         closed_form=lambda i: float(_printed_attenuation()),
-        derived=lambda i: 18 * 0.0555555,
+        independent=lambda i: 18 * 0.0555555,
         tolerance=2e-7,  # 17 roundings of float32 at most, far fewer in the registers' order
         correction=Correction(
             printed="18 additions of 0.0555555 give 1 where all is lit",

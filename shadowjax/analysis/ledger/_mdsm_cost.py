@@ -1,6 +1,7 @@
 """Multi-depth source, chapter 5: cost in fetches, its crossover, and what the text says about it."""
 
 import functools
+import itertools
 from fractions import Fraction
 
 import jax.numpy as jnp
@@ -40,13 +41,24 @@ def _costs(inputs: Inputs) -> tuple[Fraction, Fraction, Fraction, Fraction]:
     return f, transform, fetch, test
 
 
-def _by_fragment(inputs: Inputs) -> Fraction:
-    """Sum over fragments of what each does, in order: one transform, then a fetch and a test for every tap."""
+def _metered(inputs: Inputs) -> Fraction:
+    """A plain filter run on a map, charged for every transform, fetch and test that it makes.
+
+    64 fragments are run and their cost is scaled to f, since every fragment makes the same steps.
+    """
     f, transform, fetch, test = _costs(inputs)
-    one = transform
-    for _ in range(inputs.integer("k", default=1)):
-        one = one + fetch + test
-    return f * one
+    width, spent = kernel_width(inputs.integer("k", default=1)), Fraction(0)
+    stored, fragments = np.asarray(_map()), np.random.default_rng(4).random((64, 3))
+    for fragment in fragments:
+        row, col = (fragment[:2] * (stored.shape[0] - width + 1)).astype(int)
+        spent += transform
+        lit = 0
+        for texel in itertools.product(range(row, row + width), range(col, col + width)):
+            depth = stored[texel]
+            spent += fetch
+            lit += fragment[2] <= depth
+            spent += test
+    return f * spent / len(fragments)
 
 
 def _map_cost(inputs: Inputs) -> int:
@@ -87,13 +99,13 @@ def _crossover_searched(inputs: Inputs) -> Fraction:
 
 
 def _first_cheaper(inputs: Inputs) -> int:
-    h, w, q, r = (inputs.integer(name) for name in ("h", "w", "q", "r"))
-    return cost.first_cheaper_fragments(h, w, q, r)
+    h, w, q = (inputs.integer(name) for name in ("h", "w", "q"))
+    return cost.first_cheaper_fragments(h, w, q, _saved_taps(inputs))
 
 
 def _first_cheaper_searched(inputs: Inputs) -> int:
     """Bisection on the two costs themselves."""
-    h, w, q, r = (inputs.integer(name) for name in ("h", "w", "q", "r"))
+    h, w, q, r = (*(inputs.integer(name) for name in ("h", "w", "q")), _saved_taps(inputs))
     low, high = 0, h * w * q + 1  # dearer at low, cheaper at high
     while high - low > 1:
         middle = (low + high) // 2
@@ -118,7 +130,7 @@ def _size_ratio_counted(inputs: Inputs) -> Fraction | None:
     if inputs.integer("q") != 9 or _saved_taps(inputs) not in saved:
         return None
     plain, multi = saved[_saved_taps(inputs)]
-    return cost.size_ratio_threshold(counted_neighbours(), counted_taps(plain) - counted_taps(multi, "2-SM max"))
+    return Fraction(counted_neighbours(), counted_taps(plain) - counted_taps(multi, "2-SM max"))
 
 
 def _wins_at_equal_size(inputs: Inputs) -> bool:
@@ -150,7 +162,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="Cost of a scene with a plain map: f·(transform + fetch + test).",
         verdict="holds",
         closed_form=lambda i: cost.scene_cost(*_costs(i)),
-        derived=_by_fragment,
+        measured=_metered,
         samples=(_SCENE, {"f": 17, "custo_transf": 0.5, "custo_textura": 2, "custo_ts": 0.25}),
     ),
     Equation(
@@ -159,7 +171,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="Cost of a scene with a filter of k taps: f·(transform + k·(fetch + test)).",
         verdict="holds",
         closed_form=lambda i: cost.scene_cost(*_costs(i), i.integer("k")),
-        derived=_by_fragment,
+        measured=_metered,
         samples=({**_SCENE, "k": 9}, {**_SCENE, "k": 4}),
     ),
     Equation(
@@ -188,7 +200,7 @@ EQUATIONS: tuple[Equation, ...] = (
         closed_form=lambda i: cost.multi_depth_fetches(
             i.integer("h"), i.integer("w"), i.integer("q"), i.integer("f"), i.integer("k")
         ),
-        derived=lambda i: _map_cost(i) + cost.lookup_fetches(i.integer("f"), i.integer("k")),
+        recomputed=lambda i: i.integer("h") * i.integer("w") * i.integer("q") + i.integer("f") * i.integer("k"),
         measured=_multi_depth_counted,
         samples=({**_MAP, "f": 471860, "k": 4}, {**_MAP, "f": 1000, "k": 9}),
     ),
@@ -198,16 +210,17 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="The multi-depth map needs fewer fetches above f = q·h·w/r fragments.",
         verdict="holds",
         closed_form=_crossover,
-        derived=_crossover_searched,
+        independent=_crossover_searched,
         samples=({**_MAP, "r": 5}, {**_MAP, "r": 7}, {**_MAP, "r": 12}, {"h": 300, "w": 200, "q": 25, "case": "16->4"}),
     ),
     Equation(
-        id="mdsm.Eq5.6.first_f",
+        id="mdsm.Eq5.6.first_integer_f",
+        pattern=r"mdsm\.Eq5\.6\.first_(integer_)?f",
         source="mdsm, eq. 5.6",
         statement="First whole number of fragments at which the multi-depth map needs fewer fetches.",
         verdict="holds",
         closed_form=_first_cheaper,
-        derived=_first_cheaper_searched,
+        independent=_first_cheaper_searched,
         samples=({**_MAP, "r": 5}, {"h": 10, "w": 10, "q": 9, "r": 9}),
     ),
     Equation(
@@ -216,7 +229,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="With each pixel shaded once, the multi-depth map is cheaper when image/map area exceeds q/r.",
         verdict="holds",
         closed_form=_size_ratio,
-        derived=_size_ratio_from_crossover,
+        independent=_size_ratio_from_crossover,
         measured=_size_ratio_counted,
         samples=({"q": 9, "r": 5}, {"q": 9, "r": 7}, {"q": 9, "r": 12}, {"q": 9, "r": 16}),
     ),
@@ -226,7 +239,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="At equal sizes of image and map the multi-depth map is cheaper exactly if q < r.",
         verdict="erratum",
         closed_form=lambda i: i.integer("q") < i.integer("plain") - i.integer("multi"),
-        derived=_wins_at_equal_size,
+        independent=_wins_at_equal_size,
         correction=Correction(
             printed="at equal sizes (5.7) is never satisfied",
             corrected="it is where q < r: 16 taps replaced by 4 give q/r = 9/12",
@@ -241,7 +254,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="The plain filter whose tones are nearest to those of 2-SM with 9 taps has 16 taps.",
         verdict="erratum",
         closed_form=_nearest_plain_filter,
-        derived=_nearest_counted,
+        independent=_nearest_counted,
         correction=Correction(
             printed="section 5.1 compares it with a plain filter of 4 taps",
             corrected="the caption's 16 taps (17 tones against 19; 4 taps give 5)",

@@ -5,6 +5,8 @@ crosses it in one interval, so entering and leaving follow from clipping, with n
 """
 
 import functools
+from dataclasses import dataclass
+from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
@@ -60,29 +62,99 @@ def crossings(trials: int, most: int = 4) -> Crossings:
     )
 
 
-def _wrapped(count: Int[np.ndarray, "trials"], arithmetic: str) -> Int[np.ndarray, "trials"]:
-    return count % {"wrap8": 256, "1-bit parity": 2}[arithmetic]
+@dataclass(frozen=True)
+class Rule:
+    """How volumes are counted.
 
-
-def stencil(found: Crossings, inward: bool, cap: int, arithmetic: str) -> Int[np.ndarray, "trials"]:
-    """Stencil values: the cap first, then all increments, then all decrements, as the source's passes run.
-
-    Args:
-        found: Crossings to count.
+    Attributes:
         inward: Normals point into the shadow: entering increments and leaving decrements; outward: the reverse.
         cap: What the cap adds where the eye is inside a volume: 1, −1 or 0 (no cap).
         arithmetic: `wrap8`, `saturating8` or `1-bit parity`.
+        order: `cap first` or `cap last` with a pass of increments and one of decrements between, or `mixed`, every
+            fragment in any order.
+        lit_where_zero: Whether light is added where the stencil is 0, or where it is not.
     """
+
+    inward: bool = True
+    cap: int = 1
+    arithmetic: str = "saturating8"
+    order: str = "cap first"
+    lit_where_zero: bool = True
+
+    @property
+    def counts_volumes(self) -> bool:
+        """Whether the value is ± the number of volumes around the receiver, whatever few volumes there are."""
+        if self.cap != (1 if self.inward else -1) or self.arithmetic == "1-bit parity":
+            return False
+        return self.arithmetic == "wrap8" or (self.inward and self.order == "cap first")
+
+
+ORDERS = ("cap first", "cap last", "mixed")
+
+
+def _counts(found: Crossings, rule: Rule) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Caps, increments and decrements of each configuration."""
     entered, left, start = (part.sum(-1) for part in (found.entered, found.left, found.eye_inside))
-    up, down = (entered, left) if inward else (left, entered)
-    if arithmetic != "saturating8":
-        return _wrapped(cap * start + up - down, arithmetic)
-    value = np.clip(cap * start, 0, 255)
-    return np.clip(np.clip(value + up, 0, 255) - down, 0, 255)
+    return (rule.cap * start, entered, left) if rule.inward else (rule.cap * start, left, entered)
 
 
-def count_right(trials: int, inward: bool, cap: int, arithmetic: str, lit_where_zero: bool = True) -> int:
-    """Configurations in which the rule finds the receiver's shadow; a receiver in any volume is in shadow."""
+def chance_of_zero(found: Crossings, rule: Rule) -> list[Fraction]:
+    """Probability that the stencil ends at 0, from the numbers of fragments alone.
+
+    With passes it is 0 or 1. Saturating counters that take a increments and b decrements in any order end at 0 iff the
+    last of their sums, unclipped, is the least: of all orders (b − a + 1)/(b + 1) by the ballot theorem, none if a > b.
+    """
+    caps, up, down = _counts(found, rule)
+    if rule.arithmetic != "saturating8":
+        size = {"wrap8": 256, "1-bit parity": 2}[rule.arithmetic]
+        return [Fraction(int(value == 0)) for value in (caps + up - down) % size]
+    if rule.order == "mixed":
+        up, down = up + np.maximum(caps, 0), down + np.maximum(-caps, 0)
+        pairs = zip(up.tolist(), down.tolist(), strict=True)
+        return [Fraction(b - a + 1, b + 1) if b >= a else Fraction(0) for a, b in pairs]
+    if rule.order == "cap first":
+        value = np.maximum(np.maximum(caps, 0) + up - down, 0)
+    else:
+        value = np.maximum(np.maximum(up - down, 0) + caps, 0)
+    return [Fraction(int(zero)) for zero in value == 0]
+
+
+def right_by_counts(trials: int, rule: Rule) -> Fraction:
+    """Expected share of configurations in which a rule finds the receiver's shadow, from `chance_of_zero`."""
     found = crossings(trials)
-    shadowed = stencil(found, inward, cap, arithmetic) != 0
-    return int(np.sum((shadowed == lit_where_zero) == found.receiver_inside.any(-1)))
+    lit = np.logical_not(np.any(found.receiver_inside, axis=-1)).tolist()
+    chances = [
+        zero if is_lit == rule.lit_where_zero else 1 - zero
+        for zero, is_lit in zip(chance_of_zero(found, rule), lit, strict=True)
+    ]
+    return sum(chances, Fraction(0)) / trials
+
+
+def stencil(found: Crossings, rule: Rule, seed: int = 0) -> Int[np.ndarray, "trials"]:
+    """Stencil values after every fragment has been drawn, one after another; those of a pass come in random order."""
+    sign = 1 if rule.inward else -1
+    parts = (found.eye_inside, rule.cap), (found.entered, sign), (found.left, -sign)
+    drawn = np.concatenate([np.where(there, step, 0) for there, step in parts], axis=1)
+    passes = np.where(drawn > 0, 1, 2)
+    passes[:, : found.eye_inside.shape[1]] = {"cap first": 0, "cap last": 3, "mixed": 0}[rule.order]
+    if rule.order == "mixed":
+        passes[:] = 0
+    order = np.argsort(passes + np.random.default_rng(seed).random(drawn.shape), axis=1)
+    value = np.zeros(drawn.shape[0], int)
+    for step in np.take_along_axis(drawn, order, axis=1).T:
+        value = value + step
+        size = {"wrap8": 256, "saturating8": 256, "1-bit parity": 2}[rule.arithmetic]
+        value = np.clip(value, 0, size - 1) if rule.arithmetic == "saturating8" else value % size
+    return value
+
+
+def right_by_drawing(trials: int, rule: Rule, num_orders: int = 1) -> Fraction:
+    """Share of configurations, and of random orders of their fragments, in which a rule finds the receiver's shadow.
+
+    A receiver in any volume is in shadow.
+    """
+    found, right = crossings(trials), 0
+    for seed in range(num_orders):
+        lit = (stencil(found, rule, seed) == 0) == rule.lit_where_zero
+        right += int(np.sum(lit != found.receiver_inside.any(-1)))
+    return Fraction(right, trials * num_orders)

@@ -6,11 +6,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
 from shadowjax.analysis.equations import Equation
 from shadowjax.analysis.inputs import Inputs, Unavailable
-from shadowjax.analysis.ledger._warping_tools import derived_storage, equation, frustum, root
+from shadowjax.analysis.ledger import _brute
+from shadowjax.analysis.ledger._warping_tools import derived_storage, equal_errors, equation, frustum, root
 from shadowjax.analysis.measure import frustum_corners, light_axes, warp_matrix, warp_point
 from shadowjax.analysis.split_search import best_shares
 from shadowjax.warps import lispsm
@@ -91,8 +92,18 @@ def _worst_ratio(i: Inputs):
 
 def _ratio_matrix(i: Inputs) -> float:
     section = SECTIONS[i.text("section")]
-    view = frustum(i)
-    return _map_worst(view, float(_published(view, i.text("rule"))), section) / _golden(i, section)[1]
+    distance = float(_brute.published(_plain(i), i.text("rule")))
+    return _map_worst(frustum(i), distance, section) / _golden(i, section)[1]
+
+
+def _plain(i: Inputs, gammas: Any = None) -> _brute.View:
+    """A row's view in NumPy, under its own light or others."""
+    near = i.number("n", default=1.0)
+    far = i.number("f") if "f" in i else near * i.number("f_over_n")
+    gamma = i.angle("gamma_deg", default=90.0) if gammas is None else gammas
+    tan_y = math.tan(i.angle("phi_y_deg", "phi_deg", default=30.0))
+    tan_x = math.tan(i.angle("phi_x_deg", "phi_deg", "phi_y_deg", default=30.0))
+    return _brute.View(*(np.asarray(x, float) for x in (near, far, tan_y, tan_x, gamma)))
 
 
 def _fan(i: Inputs, gammas: np.ndarray) -> LightFrustum:
@@ -108,6 +119,18 @@ def _scan(i: Inputs, count: int = 4000) -> float:
     limit = float(frustum(i, 90.0).gamma_limit)
     loss = _loss(_fan(i, np.linspace(0.002, limit, count)), i.text("rule"), SECTIONS[i.text("section")])
     return float(jnp.max(loss))
+
+
+def _scan_brute(i: Inputs, count: int = 4000) -> float:
+    """The same in NumPy: least errors by golden section, published n' as printed."""
+    section, rule = SECTIONS[i.text("section")], i.text("rule")
+    limit = float(_brute.touching(_plain(i, np.zeros(()))))
+    view = _plain(i, np.linspace(0.002, limit, count))
+    best = _brute.least(
+        lambda q: _brute.max_error_z(view, q, section, depths=2), 1e-3 * float(view.near), 1e9 * float(view.far),
+        view.gamma.shape,
+    )  # fmt: skip
+    return float(np.max(_brute.max_error_z(view, _brute.published(view, rule), section) / best))
 
 
 def _peak(i: Inputs) -> float:
@@ -133,7 +156,7 @@ def _penalty_matrix(i: Inputs) -> float:
     row = i.merged({"phi_y_deg": 25})
     at = row.merged({"gamma_deg": math.degrees(float(frustum(row, 90.0).gamma_limit))})
     view = frustum(at)
-    return _map_worst(view, float(lispsm.equalising(view)), "whole") / _golden(at, "whole")[1]
+    return _map_worst(view, equal_errors(view), "whole") / _golden(at, "whole")[1]
 
 
 def _switch(i: Inputs) -> float:
@@ -187,7 +210,8 @@ def _storage_matrix(i: Inputs) -> float:
     if rule == "uniform":
         wide = 1e5 * float(view.far)
         return 2 * derived_storage(view, 2 * wide) - derived_storage(view, wide)
-    return derived_storage(view, minimax(view) if rule == "minimax" else _published(view, rule))
+    plain = _plain(i)
+    return derived_storage(view, float(_brute.minimax(plain) if rule == "minimax" else _brute.published(plain, rule)))
 
 
 def _excess(i: Inputs, gammas: np.ndarray):
@@ -211,7 +235,7 @@ def _crossover_matrix(i: Inputs) -> float:
         view = frustum(i, gamma=gamma)
         wide = 1e5 * float(view.far)
         uniform = 2 * derived_storage(view, 2 * wide) - derived_storage(view, wide)
-        return derived_storage(view, lispsm.generalised(view)) / uniform - 1
+        return derived_storage(view, float(_brute.published(_plain(i, gamma), "44"))) / uniform - 1
 
     return math.degrees(root(difference, near * 0.98, near * 1.02))
 
@@ -254,20 +278,31 @@ def _partition(i: Inputs) -> float:
     return best_shares(_slice_cost(i), log_ratio, i.integer("k"), i.text("objective"))[1]
 
 
-def _partition_matrix(i: Inputs) -> float:
-    """Storages of the matrix map, slice by slice, at the best shares found; equal shares must not be better."""
-    view = frustum(i)
-    log_ratio, k, objective = float(jnp.log(view.far / view.near)), i.integer("k"), i.text("objective")
+def _partition_searched(i: Inputs) -> float:
+    """Storages in NumPy, with shares found by a simplex search."""
+    k, mode = i.integer("k"), i.text("mode")
+    whole = _plain(i)
+    log_ratio = math.log(float(whole.far / whole.near))
+    rules = {
+        "lispsm": lambda v: _brute.published(v, "44"),
+        "minimax": _brute.minimax,
+        "uniform": lambda v: 1e10 * v.near,
+    }
 
-    def total(shares: np.ndarray) -> float:
-        each = []
-        for share in shares:
-            row = {"n": 1, "f": math.exp(share * log_ratio), "phi_deg": math.degrees(float(view.phi_y))}
-            mode = {"lispsm": "42_44"}.get(i.text("mode"), i.text("mode"))
-            each.append(_storage_matrix(Inputs({**row, "gamma_deg": i["gamma_deg"], "rule": mode})))
-        return max(each) if objective == "max" else sum(each)
+    def total(logits: np.ndarray) -> float:
+        shares = np.exp(np.append(logits, 0.0))
+        part = whole._replace(
+            near=np.ones(k), far=np.exp(shares / shares.sum() * log_ratio), gamma=whole.gamma + np.zeros(k)
+        )
+        each = _brute.storage(part, rules[mode](part))
+        return float(each.max() if i.text("objective") == "max" else each.sum())
 
-    return min(total(best_shares(_slice_cost(i), log_ratio, k, objective)[0]), total(np.full(k, 1 / k)))
+    # order does not matter: from equal shares, and from one share that is smaller than the others
+    starts = np.zeros((2, k - 1))
+    starts[1, 0] = -0.7
+    options = {"xatol": 1e-9, "fatol": 1e-13, "maxiter": 400}
+    found: list[Any] = [minimize(total, start, method="Nelder-Mead", options=options) for start in starts]
+    return min(float(one.fun) for one in found)
 
 
 _WHERE = "beyond eq. 42"
@@ -275,63 +310,63 @@ _WHERE = "beyond eq. 42"
 EQUATIONS: tuple[Equation, ...] = (
     *(equation(
         f"beyond.nprime_minimax_{name}", _WHERE, "n' of least M_z for any γ: max(equalising n', E·W/(W − 2E)).", _best,
-        SWEEP, derived=lambda i: _golden(i, SECTIONS[i.text("section")])[0], tolerance=1e-5,
+        SWEEP, independent=lambda i: _golden(i, SECTIONS[i.text("section")])[0], tolerance=1e-5,
         pattern=rf"warping\.beyond\.nprime_minimax_(?P<section>{name})",
     ) for name in SECTIONS),
     *(equation(
         f"beyond.M_minimax_{name}", _WHERE, "Least M_z over all n'.", _least, SWEEP,
-        derived=lambda i: _golden(i, SECTIONS[i.text("section")])[1], tolerance=1e-7,
+        independent=lambda i: _golden(i, SECTIONS[i.text("section")])[1], tolerance=1e-7,
         pattern=rf"warping\.beyond\.M_minimax_(?P<section>{name})",
     ) for name in SECTIONS),
     *(equation(
         f"beyond.ratio_{rule}_over_opt_{name}", _WHERE, "Largest z error of a published n' over the least.", _ratio,
-        SWEEP[:5], derived=_ratio_matrix, tolerance=1e-7,
+        SWEEP[:5], independent=_ratio_matrix, tolerance=1e-7,
         pattern=rf"warping\.beyond\.ratio_(42_)?(?P<rule>{rule})_over_opt_(?P<section>{name})",
     ) for rule in ("43", "44", "Wimmer") for name in SECTIONS),
     *(equation(
         f"beyond.{name}_switch_gamma_deg", _WHERE, "γ below which the near plane alone decides the minimax, degrees.",
-        _switch, (VIEW, {"n": 1, "f": 20, "phi_y_deg": 45}), derived=_switch_root,
+        _switch, (VIEW, {"n": 1, "f": 20, "phi_y_deg": 45}), independent=_switch_root,
         pattern=rf"warping\.beyond\.(?P<section>{name})_switch_gamma_deg",
     ) for name in SECTIONS),
     equation(
         "beyond.full_uniform_gamma_deg", _WHERE,
         "γ below which the uniform map is best over the whole section, degrees.",
-        _uniform_limit, (VIEW, {"n": 1, "f": 3, "phi_y_deg": 45}), derived=_uniform_limit_corners,
+        _uniform_limit, (VIEW, {"n": 1, "f": 3, "phi_y_deg": 45}), independent=_uniform_limit_corners,
     ),
     *(equation(
         f"beyond.worst_{name}_{rule}", _WHERE,
         "Largest loss of the published n' over 4000 evenly spaced γ up to γ_lim.", _scan,
-        ({"n": 1, "f_over_n": 30, "phi_y_deg": 25},), derived=_peak, tolerance=1e-4,
+        ({"n": 1, "f_over_n": 30, "phi_y_deg": 25},), independent=_scan_brute,
         pattern=rf"warping\.beyond\.worst_(?P<section>{name})_(?P<rule>{rule})",
     ) for rule in ("43", "44") for name in SECTIONS),
     *(equation(
         f"beyond.worst_ratio_{rule}_{name}", _WHERE, "Loss of the published n' at the γ where it is largest.",
         _worst_ratio, ({"n": 1, "f": 30, "phi_y_deg": 25, "gamma_deg": 19},),
-        derived=_ratio_matrix, tolerance=1e-7,
+        independent=_ratio_matrix, tolerance=1e-7,
         pattern=rf"warping\.beyond\.worst_ratio_(?P<rule>{rule})_(?P<section>{name})",
     ) for rule in ("43", "44") for name in SECTIONS),
     equation(
         "beyond.full_penalty_at_lim", _WHERE,
         "Loss of n'₁ over the whole section at γ_lim; it tends to 2 as f/n grows.",
-        _penalty, ({"f_over_n": 3}, {"f_over_n": 300}), derived=_penalty_matrix, tolerance=1e-7,
+        _penalty, ({"f_over_n": 3}, {"f_over_n": 300}), independent=_penalty_matrix, tolerance=1e-7,
     ),
     *(equation(
-        f"beyond.S_{rule}", "beyond eq. 31", "S on the view axis for any γ.", _storage, SWEEP, derived=_storage_matrix,
-        tolerance=1e-8, pattern=rf"warping\.beyond\.S_(?P<rule>{rule})",
+        f"beyond.S_{rule}", "beyond eq. 31", "S on the view axis for any γ.", _storage, SWEEP,
+        independent=_storage_matrix, tolerance=1e-8, pattern=rf"warping\.beyond\.S_(?P<rule>{rule})",
     ) for rule in ("uniform", "42_44", "42_43", "minimax")),
     equation(
         "beyond.S_crossover_gamma_deg", "beyond eq. 31",
         "γ below which 42 + 44 needs more storage than the uniform map.",
-        _crossover, ({"n": 1, "f": 40, "phi_deg": 30},), derived=_crossover_matrix, tolerance=1e-7,
+        _crossover, ({"n": 1, "f": 40, "phi_deg": 30},), independent=_crossover_matrix, tolerance=1e-7,
     ),
     equation(
         "beyond.S_max_excess_over_uniform", "beyond eq. 31", "Largest storage of 42 + 44 over the uniform map's.",
-        _largest_excess, ({"n": 1, "f": 40, "phi_deg": 30},), derived=_largest_excess_matrix, tolerance=1e-8,
+        _largest_excess, ({"n": 1, "f": 40, "phi_deg": 30},), independent=_largest_excess_matrix, tolerance=1e-8,
     ),
     equation(
         "beyond.partition", "beyond eq. 50", "Least sum or maximum of S over all slices in depth.", _partition,
         tuple({"n": 1, "f": 60, "phi_deg": 28, "gamma_deg": g, "k": k, "mode": m, "objective": o} for g, k, m, o in (
             (45, 4, "lispsm", "sum"), (20, 2, "minimax", "sum"), (70, 3, "uniform", "max"))),
-        derived=_partition_matrix, tolerance=1e-7,
+        independent=_partition_searched, tolerance=1e-7,
     ),
 )  # fmt: skip

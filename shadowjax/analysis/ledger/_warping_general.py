@@ -4,6 +4,7 @@ import math
 
 import jax
 import jax.numpy as jnp
+from scipy.integrate import quad
 
 from shadowjax.analysis import aliasing
 from shadowjax.analysis.equations import Correction, Equation
@@ -100,11 +101,20 @@ def _fade(kind: str):
     return value
 
 
+def _sine(angle: float) -> float:
+    """sin of an angle up to π/2 without a sine: 2t/(1 + t²), the integral of 2/(1 + s²) from 0 to t being the angle."""
+    if angle == 0:
+        return 0.0
+    t = root(lambda t: quad(lambda s: 2 / (1 + s * s), 0, t, epsabs=0, epsrel=1e-13)[0] - abs(angle), 0.0, 1.0 + 1e-9)
+    return math.copysign(2 * t / (1 + t * t), angle)
+
+
 def _printed_fade(kind: str):
+    """r as printed, from the γ_lim of the corners and integrals in place of sines."""
+
     def value(i: Inputs):
-        share = i.angle("gamma_deg") / _touching(i)
-        quarter = math.pi / 2
-        return math.sin(share * quarter) if kind == "sine" else (1 + math.sin((share - 1) * quarter)) ** 2
+        angle = i.angle("gamma_deg") / _touching(i) * math.pi / 2
+        return _sine(angle) if kind == "sine" else (1 + _sine(angle - math.pi / 2)) ** 2
 
     return value
 
@@ -119,6 +129,11 @@ def _faded(kind: str):
         return equal_errors(frustum(i, gamma=limit)) / _printed_fade(kind)(i)
 
     return value
+
+
+def _at_limit(i: Inputs):
+    view = frustum(i)
+    return lispsm.generalised(LightFrustum(view.near, view.far, view.phi_y, view.phi_x, view.gamma_limit))
 
 
 def _slope(side: int, fade: str):
@@ -163,16 +178,16 @@ EQUATIONS: tuple[Equation, ...] = (
     equation(
         "Eq35.zprime", "eq. 35",
         "z' of a point on the view axis, measured so that the frustum's lowest point has z' = n'.",
-        lambda i: number(i, "nprime") + frustum(i).offset(number(i, "z")), ANY, derived=_zprime,
+        lambda i: number(i, "nprime") + frustum(i).offset(number(i, "z")), ANY, independent=_zprime,
     ),
     equation(
         "Eq36.fprime", "eq. 36", "f' − n' is the frustum's extent along z'.",
-        lambda i: number(i, "nprime") + frustum(i).extent, ANY, derived=_fprime,
+        lambda i: number(i, "nprime") + frustum(i).extent, ANY, independent=_fprime,
     ),
     equation(
         "Eq37true.mz_beam", "eq. 37", "m_z for any γ, with the texel's thickness across the light.",
         lambda i: error_z(frustum(i), number(i, "nprime"), number(i, "z"), resolution_ratio=ratio(i)), ANY,
-        derived=lambda i: ratio(i) * derived_errors(frustum(i), i.number("nprime"), i.number("z"))[1][0],
+        independent=lambda i: ratio(i) * derived_errors(frustum(i), i.number("nprime"), i.number("z"))[1][0],
         measured=lambda i: ratio(i) * cut(frustum(i), i.number("nprime"), i.number("z")).perspective,
         measured_tolerance=1e-6, verdict="erratum",
         correction=Correction(
@@ -183,72 +198,78 @@ EQUATIONS: tuple[Equation, ...] = (
     ),
     equation(
         "Eq37.mz_dz", "eq. 37", "m_z as printed: dz/dt along the view axis over the pixel's width.", _literal, ANY,
-        derived=lambda i: ratio(i) / (rates(frustum(i), i.number("nprime"), i.number("z"))[3][0]
+        independent=lambda i: ratio(i) / (rates(frustum(i), i.number("nprime"), i.number("z"))[3][0]
                                       * 2 * i.number("z") * frustum(i).tan_y),
         verdict="conditional",
         condition="Texel length taken along the view axis, which is no beam thickness for γ < π/2.",
     ),
     equation(
         "Eq37.ratio_dz_over_true", "eq. 37", "Printed over true m_z is 1/sin γ.", lambda i: 1 / frustum(i).sine, ANY,
-        derived=lambda i: (lambda r: r[2][0] / r[3][0])(rates(frustum(i), _some(i), frustum(i).far / 2)),
+        independent=lambda i: (lambda r: r[2][0] / r[3][0])(rates(frustum(i), _some(i), frustum(i).far / 2)),
     ),
     equation(
         "Eq38.zmin", "eq. 38", "m_z has one stationary depth on the axis, a minimum.",
         lambda i: aliasing.least_error_depth(frustum(i), jnp.asarray(_nprime(i))),
         tuple({**VIEW, "gamma_deg": g, "nprime": q} for g, q in ((70, 9), (50, 4), (34, 4), (30, 7), (20, 40))),
-        derived=_steepest, verdict="conditional",
+        independent=_steepest, verdict="conditional",
         condition="Inside [n, f] only for n ≤ A/sin γ ≤ f, A the printed numerator.",
     ),
     equation(
         "Eq39.n1", "eq. 39", "n' of equal m_z at both planes, γ ≥ φ.", _first,
-        tuple({**VIEW, "gamma_deg": g} for g in (90, 70, 45, 34)), derived=lambda i: equal_errors(frustum(i)),
+        tuple({**VIEW, "gamma_deg": g} for g in (90, 70, 45, 34)), independent=lambda i: equal_errors(frustum(i)),
         verdict="erratum", correction=Correction(
             "m_x(n) = m_x(f)", "m_z(n) = m_z(f); m_x would give n sin γ − a cos γ.",
             in_double(lambda i: frustum(i).near * (frustum(i).sine - frustum(i).tilt)), {**VIEW, "gamma_deg": 60}),
     ),
     equation(
         "Eq39.n2", "eq. 39", "n' of equal m_z at both planes, γ < φ, where positive.", _second,
-        tuple({**VIEW, "gamma_deg": g} for g in (33, 32, 31)), derived=lambda i: equal_errors(frustum(i)),
+        tuple({**VIEW, "gamma_deg": g} for g in (33, 32, 31)), independent=lambda i: equal_errors(frustum(i)),
         verdict="conditional", condition="tg γ > tg φ/(1 + √(n/f)); otherwise no n' > 0 equalises.",
     ),
     equation(
         "text.n2_zero_gamma_deg", "text after eq. 39", "n'₂ vanishes at tg γ = tg φ/(1 + √(n/f)), in degrees.",
         _zero_of_second, ({**VIEW}, {"n": 1, "f": 4, "phi_y_deg": 45}),
-        derived=lambda i: math.degrees(root(lambda g: _second(Inputs({**i, "gamma_deg": math.degrees(g)})), 1e-6, 1.5)),
+        independent=lambda i: math.degrees(
+            root(lambda g: _second(Inputs({**i, "gamma_deg": math.degrees(g)})), 1e-6, 1.5)),
         verdict="erratum", correction=Correction(
             "n'₂ is negative for all γ ≤ φ", "only for tg γ < tg φ/(1 + √(n/f))",
             lambda i: i.number("phi_y_deg", "phi_deg"), VIEW),
     ),
     equation(
         "Eq40.gamma_lim_rad", "eq. 40", "γ_lim, where near and far plane touch seen from the light, in radians.",
-        lambda i: frustum(i).gamma_limit, ({**VIEW}, {"n": 1, "f": 2, "phi_y_deg": 50}), derived=_touching,
+        lambda i: frustum(i).gamma_limit, ({**VIEW}, {"n": 1, "f": 2, "phi_y_deg": 50}), independent=_touching,
     ),
     equation(
         "Eq40.gamma_lim_deg", "eq. 40", "γ_lim in degrees.", lambda i: jnp.rad2deg(frustum(i).gamma_limit),
-        ({**VIEW}, {"n": 1, "f": 2, "phi_y_deg": 50}), derived=lambda i: math.degrees(_touching(i)),
+        ({**VIEW}, {"n": 1, "f": 2, "phi_y_deg": 50}), independent=lambda i: math.degrees(_touching(i)),
     ),
     *(e for name, kind in KINDS for e in (
         equation(
             f"Eq{name}.r", f"eq. {name}", "Fade r(γ) from 0 at γ = 0 to 1 at γ_lim.", _fade(kind), BELOW,
-            derived=_printed_fade(kind), tolerance=1e-8,
+            independent=_printed_fade(kind), tolerance=1e-8,
         ),
         equation(
             f"Eq42.nprime_r{name}", f"eq. 41–42 and {name}", "n'(γ): equalising down to γ_lim, then n'(γ_lim)/r(γ).",
             lambda i, k=kind: lispsm.generalised(frustum(i), k),
-            ({**VIEW, "gamma_deg": 60}, *BELOW), derived=_faded(kind), tolerance=1e-8, verdict="conditional",
+            ({**VIEW, "gamma_deg": 60}, *BELOW), independent=_faded(kind), tolerance=1e-8, verdict="conditional",
             condition="Continuous; least M_z on the axis for γ ≥ γ_lim only.",
         ),
     )),
     equation(
+        "Eq42.nprime_at_gamma_lim", "eq. 40–42", "n' at γ_lim, where both branches meet.",
+        _at_limit, ({**VIEW}, {"n": 1, "f": 9, "phi_y_deg": 20}),
+        independent=lambda i: equal_errors(frustum(i, gamma=_touching(i))), tolerance=1e-8,
+    ),
+    equation(
         "Eq42.left_slope_r44_at_lim", "eq. 42 and 44", "Slope of n'(γ) just below γ_lim, per radian.", _left_slope,
-        ({**VIEW}, {"n": 1, "f": 9, "phi_y_deg": 20}), derived=_slope(-1, "squared"), tolerance=1e-8,
+        ({**VIEW}, {"n": 1, "f": 9, "phi_y_deg": 20}), independent=_slope(-1, "squared"), tolerance=1e-8,
     ),
     equation(
         "Eq42.left_slope_r43_at_lim", "eq. 42 and 43", "Slope of n'(γ) just below γ_lim with r of eq. 43 is 0.",
-        lambda i: 0.0, ({**VIEW},), derived=_slope(-1, "sine"), tolerance=1e-8,
+        lambda i: 0.0, ({**VIEW},), independent=_slope(-1, "sine"), tolerance=1e-8,
     ),
     equation(
         "Eq42.right_slope_at_lim", "eq. 42", "Slope of n'(γ) just above γ_lim: n' is not differentiable there.",
-        _right_slope, ({**VIEW}, {"n": 1, "f": 9, "phi_y_deg": 20}), derived=_slope(1, "squared"), tolerance=1e-8,
+        _right_slope, ({**VIEW}, {"n": 1, "f": 9, "phi_y_deg": 20}), independent=_slope(1, "squared"), tolerance=1e-8,
     ),
 )  # fmt: skip

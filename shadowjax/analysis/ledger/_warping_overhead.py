@@ -188,9 +188,10 @@ EQUATIONS: tuple[Equation, ...] = (
                               in_double(lambda i: _ground(i)[0]), {"phi_deg": 30, "gamma_deg": 60}),
     ),
     equation(
-        "Eq13.max_m", "eq. 13", "max |m| on a ground plane, from cut beams.", lambda i: _ground(i)[0],
-        ({"f": 100, "phi_deg": 30, "gamma_deg": 60},), pattern=r"warping\.Eq13\.(max_m|max_abs_m|max_m_exact)",
-        derived=lambda i: max(
+        "Eq13.max_abs_m_exact", "eq. 13", "max |m| on a ground plane, from cut beams.", lambda i: _ground(i)[0],
+        ({"f": 100, "phi_deg": 30, "gamma_deg": 60},),
+        pattern=r"warping\.Eq13\.(max_m|max_abs_m|max_m_exact|max_abs_m_exact)",
+        independent=lambda i: max(
             _m_closed(Inputs({"n": 1, "f": 100, "phi_deg": 30, "gamma_deg": 60, "view_angle_deg": -d,
                               "z0": 1 / math.tan(math.radians(d)), "surface_angle_from_view_axis_deg": 0}))
             for d in range(1, 30)),
@@ -235,81 +236,83 @@ EQUATIONS: tuple[Equation, ...] = (
     equation(
         "Eq20.s", "eq. 20 and 22", "s of a point with the light overhead.",
         lambda i: aliasing.overhead_s(frustum(i), number(i, "nprime"), number(i, "x"), number(i, "z")), MAPS,
-        derived=lambda i: 0.5 + i.number("x") * rates(frustum(i), i.number("nprime"), i.number("z"), True)[1][0],
+        independent=lambda i: 0.5 + i.number("x") * rates(frustum(i), i.number("nprime"), i.number("z"), True)[1][0],
         verdict="conditional", condition="tg φ'_x = f tg φ_x/f' encloses the frustum for γ = π/2 and n' ≥ n only.",
     ),
     equation(
         "Eq20.tgphix_true_over_sub", "eq. 20 and 22", "True opening of P over f tg φ_x/f'.", _opening_ratio,
         tuple({**VIEW, "gamma_deg": g, "nprime": q} for g, q in ((90, 7), (90, 0.3), (60, 6), (40, 3), (20, 15))),
-        derived=_opening_corners,
+        independent=_opening_corners,
     ),
     equation(
         "Eq21.t", "eq. 21–22", "t of a depth with the light overhead.",
         lambda i: aliasing.overhead_t(frustum(i.merged({"phi_deg": 30})), number(i, "nprime"), number(i, "z")), MAPS,
-        derived=lambda i: rates(frustum(i.merged({"phi_deg": 30})), i.number("nprime"), i.number("z"))[0][0, 1],
+        independent=lambda i: rates(frustum(i.merged({"phi_deg": 30})), i.number("nprime"), i.number("z"))[0][0, 1],
     ),
     equation(
         "Eq23.dsdx", "eq. 23", "ds/dx with the light overhead.",
         lambda i: aliasing.overhead_ds_dx(frustum(i), number(i, "nprime"), number(i, "z")), MAPS,
-        derived=lambda i: rates(frustum(i), i.number("nprime"), i.number("z"), True)[1][0],
+        independent=lambda i: rates(frustum(i), i.number("nprime"), i.number("z"), True)[1][0],
     ),
     equation(
         "Eq24.dtdz", "eq. 24", "dt/dz with the light overhead.",
         lambda i: aliasing.overhead_dt_dz(frustum(i.merged({"phi_deg": 30})), number(i, "nprime"), number(i, "z")),
         MAPS,
-        derived=lambda i: rates(frustum(i.merged({"phi_deg": 30})), i.number("nprime"), i.number("z"))[3][0],
+        independent=lambda i: rates(frustum(i.merged({"phi_deg": 30})), i.number("nprime"), i.number("z"))[3][0],
     ),
     equation(
         "Eq25.mx", "eq. 25", "m_x on the view axis with the light overhead.",
         lambda i: aliasing.overhead_error_x(frustum(i), number(i, "nprime"), number(i, "z"), ratio(i, "res_cx",
         "res_ls")),
-        MAPS, derived=lambda i: ratio(i, "res_cx", "res_ls") * derived_errors(
+        MAPS, independent=lambda i: ratio(i, "res_cx", "res_ls") * derived_errors(
             frustum(i), i.number("nprime"), i.number("z"), True)[0][0],
     ),
     equation(
         "Eq26.mz", "eq. 26", "m_z on the view axis with the light overhead.",
         lambda i: aliasing.overhead_error_z(frustum(i), number(i, "nprime"), number(i, "z"), ratio(i)), MAPS,
-        derived=lambda i: derived_errors(frustum(i), i.number("nprime"), i.number("z"))[1][0] * ratio(i),
+        independent=lambda i: derived_errors(frustum(i), i.number("nprime"), i.number("z"))[1][0] * ratio(i),
         measured=lambda i: cut(frustum(i), i.number("nprime"), i.number("z")).perspective * ratio(i),
         measured_tolerance=1e-6,
     ),
     equation(
         "Eq27.nprime", "eq. 27", "n' = n + √(fn) makes m_z equal at both planes, and least.",
         lambda i: lispsm.wimmer(frustum(i)), ({"n": 1, "f": 30}, {"n": 0.2, "f": 900}, {"n": 3, "f": 3.3}),
-        derived=lambda i: equal_errors(frustum(i)),
+        independent=lambda i: equal_errors(frustum(i)),
     ),
     equation(
         "Eq28.Mx", "eq. 28", "M_x, at the near plane.", lambda i: aliasing.overhead_max_x(frustum(i), number(i,
         "nprime")),
-        MAXIMA, derived=lambda i: derived_max(frustum(i), i.number("nprime"))[0],
+        MAXIMA, independent=lambda i: derived_max(frustum(i), i.number("nprime"))[0],
         verdict="conditional", condition="n' ≥ n",
     ),
     equation(
         "Eq29.Mz", "eq. 29", "M_z, at the far plane up to n'_LiSPSM, at the near plane beyond.",
         lambda i: aliasing.overhead_max_z(frustum(i), number(i, "nprime")), MAXIMA,
-        derived=lambda i: derived_max(frustum(i), i.number("nprime"))[1],
+        independent=lambda i: derived_max(frustum(i), i.number("nprime"))[1],
     ),
     equation(
         "Eq30.S", "eq. 30", "S is texels at critical resolution per pixel, so M_x·M_z.",
         lambda i: _critical(i, "s") * _critical(i, "t") / i.number("res_c") ** 2,
-        tuple({**s, "res_c": 300} for s in MAXIMA), derived=lambda i: derived_storage(frustum(i), i.number("nprime")),
+        tuple({**s, "res_c": 300} for s in MAXIMA),
+        independent=lambda i: derived_storage(frustum(i), i.number("nprime")),
     ),
     *(equation(
         f"Eq30.crit_res_{axis}", "text before eq. 30", "Resolution at which the largest error is 1.",
         lambda i, a=axis: _critical(i, a), tuple({**s, "res_c": 300} for s in MAXIMA),
-        derived=lambda i, k=k: root(
+        independent=lambda i, k=k: root(
             lambda r: derived_max(frustum(i), i.number("nprime"))[k] * i.number("res_c") / r - 1, 1e-3, 1e12),
     ) for k, axis in enumerate("st")),
     equation(
         "Eq31.S", "eq. 31", "S is flat for n ≤ n' ≤ n'_LiSPSM and rises beyond.",
         lambda i: storage.overhead_storage(frustum(i), number(i, "nprime")), MAXIMA,
-        derived=lambda i: derived_storage(frustum(i), i.number("nprime")), verdict="conditional", condition="n' ≥ n",
+        independent=lambda i: derived_storage(frustum(i), i.number("nprime")),
+        verdict="conditional", condition="n' ≥ n",
     ),
     equation(
         "Eq33.nprime", "eq. 32–33", "n' of a position η between uniform (−1), LiSPSM (0) and PSM (1).",
         lambda i: lispsm.near_distance_from_eta(frustum(i), i.number("eta")),
         tuple({"n": n, "f": f, "eta": e} for n, f in ((2, 70), (0.3, 9)) for e in (-0.8, -0.3, 0, 0.4, 1)),
-        derived=_invert_eta, tolerance=1e-7, verdict="erratum",
+        independent=_invert_eta, tolerance=1e-7, verdict="erratum",
         correction=Correction(
             "n' = (n + √(fn))/(n + η√(fn)) for η ≥ 0",
             "n' = n(n + √(fn))/(n + η√(fn)): the printed form lacks a length.",

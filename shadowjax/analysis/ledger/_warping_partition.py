@@ -2,16 +2,19 @@
 
 import math
 import re
+from decimal import Decimal, localcontext
 from itertools import pairwise
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from scipy.integrate import quad
 
 from shadowjax.analysis import storage
 from shadowjax.analysis.equations import Equation
 from shadowjax.analysis.inputs import Inputs
+from shadowjax.analysis.ledger import _brute
 from shadowjax.analysis.ledger._warping_tools import (
     derived_errors,
     derived_max,
@@ -99,30 +102,43 @@ def _adaptive(i: Inputs):
     return iterate_adaptive(*ends, jnp.asarray(weight), jnp.asarray(alphas))[i.integer("index") - 1]
 
 
-def _adaptive_plain(i: Inputs) -> float:
-    """The same by mixing two planes at a time, in plain floats: equal shares of what is left, and f_i/α_i."""
+def _root_of(value: Decimal, degree: int) -> Decimal:
+    """A root of whole degree by Newton's method, digit for digit of the decimal context."""
+    found = Decimal(float(value) ** (1 / degree))
+    for _ in range(8):
+        found -= (found**degree - value) / (degree * found ** (degree - 1))
+    return found
+
+
+def _adaptive_decimal(i: Inputs) -> float:
+    """The same with 40 decimal digits: the cut of equal ratios from an i-th root, mixed with f_i/α_i."""
     weight, alphas = _ratios(i)
-    end, log_near = i.number("f"), math.log(i.number("n"))
-    for j in range(i.integer("k"), i.integer("index") - 1, -1):
-        share = log_near + (math.log(end) - log_near) * (j - 1) / j
-        end = weight * math.exp(share) + (1 - weight) * end / alphas[j - 2]
-    return end
+    with localcontext(prec=40):
+        near, end, share = Decimal(i.number("n")), Decimal(i.number("f")), Decimal(weight)
+        for j in range(i.integer("k"), i.integer("index") - 1, -1):
+            equal = end / _root_of(end / near, j)
+            end = share * equal + (1 - share) * end / Decimal(alphas[j - 2])
+        return float(end)
 
 
-def _valid(k: int, alpha: float, far: float, weight: float) -> bool:
-    planes = [far]
-    for j in range(k, 1, -1):
-        planes.append(weight * planes[-1] ** ((j - 1) / j) + (1 - weight) * planes[-1] / alpha)
-    rising = planes[::-1]
-    return rising[0] >= 1 and all(a < b for a, b in pairwise(rising))
+def _min_lambda_decimal(i: Inputs) -> float:
+    """The least λ by trying all, with 30 decimal digits."""
+    k, alpha, far = i.integer("k"), Decimal(i.number("alpha")), Decimal(i.number("f_over_n"))
+
+    def valid(step: int) -> bool:
+        end, weight = far, Decimal(step) / 200
+        for j in range(k, 1, -1):
+            cut = weight * end / _root_of(end, j) + (1 - weight) * end / alpha
+            if not 0 < cut < end:
+                return False
+            end = cut
+        return end >= 1
+
+    with localcontext(prec=30):
+        return next(step for step in range(201) if valid(step)) / 200
 
 
 def _min_lambda(i: Inputs) -> float:
-    k, alpha, far = i.integer("k"), i.number("alpha"), i.number("f_over_n")
-    return next(j / 200 for j in range(201) if _valid(k, alpha, far, j / 200))
-
-
-def _min_lambda_jax(i: Inputs) -> float:
     k = i.integer("k")
     weights = jnp.arange(201.0) / 200
     alphas = jnp.full((201, k - 1), i.number("alpha"))
@@ -162,6 +178,17 @@ def _parallel_sum(i: Inputs) -> float:
     return sum(_uniform(derived_storage, part) for part in parts)
 
 
+def _least_parallel(i: Inputs):
+    view = frustum(i.merged({"phi_deg": 30}))
+    return storage.storage_parallel(view, storage.best_parallel_partitions(view))
+
+
+def _least_parallel_searched(i: Inputs) -> float:
+    """Least sum of k squares of the slices' ratios, by golden section over real k."""
+    log_ratio = math.log(i.number("f") / i.number("n", default=1.0))
+    return float(_brute.least(lambda k: k * np.exp(log_ratio / k) ** 2, 0.1, 100.0))
+
+
 def _literal_parallel(i: Inputs):
     view = frustum(i.merged({"phi_deg": 30}))
     return storage_factor(view, number(i, "nprime")) / view.sine
@@ -187,76 +214,83 @@ EQUATIONS: tuple[Equation, ...] = (
         "Eq48.t", "eq. 46–48", "Texels in proportion to depth: t = ln(z/n)/ln(f/n).",
         lambda i: math.log(i.number("z") / i.number("n")) / math.log(i.number("f") / i.number("n")),
         tuple({**VIEW, "z": z} for z in (0.7, 4, 53)),
-        derived=lambda i: quad(lambda z: 1 / z, i.number("n"), i.number("z"), epsabs=0)[0]
+        independent=lambda i: quad(lambda z: 1 / z, i.number("n"), i.number("z"), epsabs=0)[0]
         / quad(lambda z: 1 / z, i.number("n"), i.number("f"), epsabs=0)[0],
         measured=lambda i: _log_warp(i).forward(jnp.asarray([0.0, i.number("z")]))[1],
     ),
     equation(
         "Eq49.mz_log", "eq. 45 and 49", "m_z of the logarithmic map is ln(f/n)/(2 tg φ) at every depth.",
         lambda i: log_error_z(frustum(i), number(i, "n"), number(i, "z"), resolution_ratio=ratio(i)),
-        tuple({**VIEW, "z": z} for z in (0.7, 4, 53)), derived=_log_error,
+        tuple({**VIEW, "z": z} for z in (0.7, 4, 53)), independent=_log_error,
     ),
     equation(
         "Eq50.n", "eq. 50", "Planes of equal ratio, n_i = n (f/n)^((i−1)/k).",
         lambda i: logarithmic_splits(number(i, "n"), number(i, "f"), i.integer("k"))[i.integer("i", "index") - 1],
         tuple({**VIEW, "k": 5, "i": j} for j in (1, 3, 5)), pattern=r"warping\.Eq50\.n(_(?P<index>\d+))?",
-        derived=lambda i: i.number("n") * root(
+        independent=lambda i: i.number("n") * root(
             lambda q: i.number("n") * q ** i.integer("k") - i.number("f"), 1.0, i.number("f") / i.number("n")
         ) ** (i.integer("i", "index") - 1),
     ),
     *(equation(
         f"Eq51.S_ZP2_{kind}", "eq. 51", "S of k similar slices with the light overhead.", _zp,
-        tuple({**VIEW, "k": k} for k in (1, 2, 5)), derived=_sum_of_parts, tolerance=1e-8,
+        tuple({**VIEW, "k": k} for k in (1, 2, 5)), independent=_sum_of_parts, tolerance=1e-8,
         pattern=rf"warping\.Eq51\.S_ZP(?P<k>\d+)_(?P<kind>{kind})",
     ) for kind in ("uniform", "LiSPSM")),
     equation(
         "Eq52.S_LogSM", "eq. 52", "S of the logarithmic map, the limit of many slices: ln(f/n)/(2 tg φ).",
         lambda i: storage.storage_logarithmic(frustum(i)), (VIEW, {"n": 1, "f": 1000, "phi_y_deg": 20}),
-        derived=_log_storage,
+        independent=_log_storage,
     ),
     equation(
         "Eq53.S_parallel", "eq. 53", "S for parallel light is (f/n)².",
         lambda i: storage.storage_parallel(frustum(i.merged({"phi_deg": 30}))), (VIEW, {"n": 1, "f": 4}),
-        derived=_parallel_sum, tolerance=1e-8,
+        independent=_parallel_sum, tolerance=1e-8,
     ),
     equation(
         "Eq53.S_parallel_literal37", "eq. 37 and 53",
         "With the printed eq. 37, S diverges like 1/sin γ, against eq. 53.",
-        _literal_parallel, ({**VIEW, "gamma_deg": "1e-5", "nprime": "1e20"},), derived=_literal_matrix, tolerance=1e-7,
+        _literal_parallel, ({**VIEW, "gamma_deg": "1e-5", "nprime": "1e20"},), independent=_literal_matrix,
+        tolerance=1e-7,
         verdict="conditional", condition="Texel length along the view axis; shows that eq. 37 cannot be meant so.",
     ),
     equation(
         "Eq54.S_par", "eq. 54", "S of k similar slices for parallel light, k (f/n)^(2/k); not monotone in k.",
         lambda i: storage.storage_parallel(frustum(i.merged({"phi_deg": 30})), i.number("k")),
-        tuple({**VIEW, "k": k} for k in (1, 3, 9)), derived=_parallel_sum, tolerance=1e-8,
+        tuple({**VIEW, "k": k} for k in (1, 3, 9)), independent=_parallel_sum, tolerance=1e-8,
     ),
     equation(
         "Eq54.k_opt_real", "eq. 54", "Least at k = 2 ln(f/n).",
         lambda i: storage.best_parallel_partitions(frustum(i.merged({"phi_deg": 30}))), (VIEW, {"n": 1, "f": 1000}),
-        derived=lambda i: root(
+        independent=lambda i: root(
             lambda k: jax.grad(lambda x: jnp.log(storage.storage_parallel(frustum(i.merged({"phi_deg": 30})), x)))(
                 jnp.asarray(k)), 0.1, 100),
     ),
     equation(
+        "Eq54.S_at_k_opt", "eq. 54", "S at the best real k is 2e·ln(f/n).", _least_parallel,
+        (VIEW, {"n": 1, "f": 1000}),
+        recomputed=lambda i: 2 * math.e * math.log(i.number("f") / i.number("n", default=1.0)),
+        independent=_least_parallel_searched,
+    ),
+    equation(
         "Eq55.n", "eq. 55", "Planes of the adaptive iteration, as printed.", _adaptive, ADAPTIVE,
-        derived=_adaptive_plain,
+        independent=_adaptive_decimal,
         pattern=r"warping\.Eq55\.n(_(?P<index>\d+))?", verdict="conditional",
         condition="Stays in [n, f] if all α_i ≤ (f/n)^(1/k), or they do not fall with i and Πα_i < f/n.",
     ),
     equation(
         "Eq55.min_lambda", "eq. 55", "Least λ on a grid of 1/200 from which the printed planes are in order.",
         _min_lambda,
-        ({"k": 4, "alpha": 4, "f_over_n": 10}, {"k": 8, "alpha": 2, "f_over_n": 100}), derived=_min_lambda_jax,
+        ({"k": 4, "alpha": 4, "f_over_n": 10}, {"k": 8, "alpha": 2, "f_over_n": 100}), independent=_min_lambda_decimal,
     ),
     equation(
         "Eq55.counterexample", "eq. 55", "Πα < f/n alone does not keep n_2 ≥ n.",
         lambda i: _adaptive(i.merged({"index": 2})),
         ({"n": 1, "f": 10, "k": 9, "lambda_": 0.1, "alpha_2": "0.999*10", "alpha_others": "1.0000001"},),
-        derived=lambda i: _adaptive_plain(i.merged({"index": 2})),
+        independent=lambda i: _adaptive_decimal(i.merged({"index": 2})),
     ),
     *(equation(
         f"seam.m{axis}_jump_{kind}", "text after eq. 52", "How much m jumps at the cuts between similar slices.",
-        _seam_closed, tuple({"n": 0.5, "f": 80, "k": k} for k in (2, 5)), derived=_seam_matrix, measured=_seam_package,
-        tolerance=1e-8, pattern=rf"warping\.seam\.m(?P<axis>{axis})_jump_(?P<kind>{kind})",
+        _seam_package, tuple({"n": 0.5, "f": 80, "k": k} for k in (2, 5)), recomputed=_seam_closed,
+        independent=_seam_matrix, tolerance=1e-8, pattern=rf"warping\.seam\.m(?P<axis>{axis})_jump_(?P<kind>{kind})",
     ) for axis in "xz" for kind in ("uniform", "LiSPSM")),
 )  # fmt: skip

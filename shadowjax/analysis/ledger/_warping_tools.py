@@ -38,11 +38,13 @@ def equation(
     closed_form: Value,
     samples: tuple[Any, ...],
     *,
-    derived: Value | None = None,
+    recomputed: Value | None = None,
+    independent: Value | None = None,
     measured: Value | None = None,
     **options: Any,
 ) -> Equation:
     """An entry `warping.name` whose functions run in float64; it holds unless `verdict` says otherwise."""
+    routes = {"recomputed": recomputed, "independent": independent, "measured": measured}
     return Equation(
         id=f"warping.{name}",
         source=f"warping, {where}",
@@ -50,8 +52,7 @@ def equation(
         verdict=options.pop("verdict", "holds"),
         closed_form=in_double(closed_form),
         samples=samples,
-        derived=None if derived is None else in_double(derived),
-        measured=None if measured is None else in_double(measured),
+        **{kind: in_double(route) for kind, route in routes.items() if route is not None},
         **options,
     )
 

@@ -10,9 +10,10 @@ from scipy import optimize
 from shadowjax.analysis.equations import Correction, Equation, Inputs, Unavailable
 from shadowjax.analysis.ledger import _volumes
 from shadowjax.filters.hard import is_lit
+from shadowjax.partitions.refinement import wishes
+from shadowjax.partitions.tile_tree import MAX_LEVEL
 
 ROUNDING = 8 * 2.0**-23  # of depths up to 8 in float32, two roundings
-RIGHT_RULE = {"inward": True, "cap": 1, "arithmetic": "saturating8"}
 
 
 def _level_value(inputs: Inputs) -> float:
@@ -76,7 +77,16 @@ def _rule_share(inputs: Inputs) -> Fraction:
 
 def _rule_share_simulated(inputs: Inputs) -> Fraction:
     trials, lit_where_zero = inputs.integer("trials"), _rule_share(inputs) == 1
-    return Fraction(_volumes.count_right(trials, **RIGHT_RULE, lit_where_zero=lit_where_zero), trials)
+    return _volumes.right_by_drawing(trials, _volumes.Rule(lit_where_zero=lit_where_zero))
+
+
+def _cost_of_wishes(inputs: Inputs) -> float:
+    """Benefit over ratio of a cell whose four tiles are each asked for by one pixel, from the package's wishes."""
+    quadrant = np.arange(4) << (2 * (MAX_LEVEL - 1))
+    cell, level = np.zeros(4, int), np.zeros(4, int)
+    texels = inputs.integer("N_required") // 4
+    found = wishes(quadrant, cell, level, level + 1, 1, texels, inputs.number("a"), inputs.number("b"))
+    return float(found.benefit.sum() / found.ratio[0])
 
 
 def _all_lit(inputs: Inputs) -> float:
@@ -129,7 +139,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="Cost of refining a cell: a·N_required + b.",
         verdict="holds",
         closed_form=lambda i: i.fraction("a") * i.integer("N_required") + i.fraction("b"),
-        derived=lambda i: sum([i.fraction("a")] * i.integer("N_required"), i.fraction("b")),
+        measured=_cost_of_wishes,
         samples=({"a": 1, "b": 100, "N_required": 1024}, {"a": 0.5, "b": 3, "N_required": 256}),
     ),
     Equation(
@@ -139,7 +149,7 @@ EQUATIONS: tuple[Equation, ...] = (
         verdict="conditional",
         condition="The value is a level, not an area: the area in finest texels is 4^(v−1).",
         closed_form=_level_value,
-        derived=lambda i: _trilinear(i, np.arange(1.0, 33.0)),
+        independent=lambda i: _trilinear(i, np.arange(1.0, 33.0)),
         samples=tuple({"rho": rho} for rho in (1, 2, 3, 5.5)),
     ),
     Equation(
@@ -148,7 +158,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="Area in finest texels that a value of labels 1, 2, 3, ... stands for: 4^(v−1).",
         verdict="erratum",
         closed_form=lambda i: 4 ** (_level_value(i) - 1),
-        derived=lambda i: max(i.number("rho"), 1.0) ** 2,
+        independent=lambda i: max(i.number("rho"), 1.0) ** 2,
         correction=Correction(
             printed="the value read is the area",
             corrected="the area is 4^(v−1)",
@@ -164,7 +174,7 @@ EQUATIONS: tuple[Equation, ...] = (
         verdict="conditional",
         condition="Exact where ρ is a power of two.",
         closed_form=_doubling_value,
-        derived=lambda i: _trilinear(i, 2.0 ** np.arange(32)),
+        independent=lambda i: _trilinear(i, 2.0 ** np.arange(32)),
         samples=tuple({"rho": rho} for rho in (1, 2, 3, 5.5)),
     ),
     Equation(
@@ -173,7 +183,7 @@ EQUATIONS: tuple[Equation, ...] = (
         statement="Largest factor by which labels 1, 2, 4, ... exceed ρ: 2/(e·ln 2).",
         verdict="holds",
         closed_form=_overestimate,
-        derived=_overestimate_searched,
+        independent=_overestimate_searched,
         samples=({},),
     ),
     Equation(
@@ -183,7 +193,7 @@ EQUATIONS: tuple[Equation, ...] = (
         verdict="conditional",
         condition="Small pixels on the axis of view.",
         closed_form=_area_ratio,
-        derived=_area_ratio_footprint,
+        independent=_area_ratio_footprint,
         tolerance=1e-4,  # perspective within the pixel, of the order of its angle times tan(tilt)
         samples=_TILTS,
     ),

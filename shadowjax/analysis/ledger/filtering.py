@@ -1,11 +1,18 @@
 """Ledger of the filtering source: percentage-closer, variance, convolution and exponential shadow maps, its tables."""
 
 import math
+from fractions import Fraction
 
+from shadowjax.analysis import memory
 from shadowjax.analysis.equations import Correction, Equation, Inputs, Unavailable
-from shadowjax.analysis.ledger import _filtering_bases, _filtering_exponential, _filtering_moments
+from shadowjax.analysis.ledger import (
+    _filtering_bases,
+    _filtering_exponential,
+    _filtering_limits,
+    _filtering_moments,
+)
 
-# Technique of Table 4.2 -> (bytes a texel with mip levels, bytes a texel without).
+# Technique of Table 4.2 -> (bytes a texel with mip levels, bytes a texel without), as its text says.
 _FORMATS = {
     "PCF": (4, 0), "VSM": (8, 0), "CSM": (8 * 8, 4), "XCSM": (4, 0), "ESM": (4, 0),
     "VSM_C": (0, 8), "CSM_C": (0, 4), "XCSM_C": (0, 4), "ESM_C": (0, 4),
@@ -23,45 +30,57 @@ _BLURRED = {
 }
 
 
-def _formats(inputs: Inputs) -> tuple[int, int]:
+def _name(inputs: Inputs) -> str:
     name = inputs.text("technique", inputs.label.split(",")[0].strip())
     if name not in _FORMATS:
         raise Unavailable(f"no technique {name!r} in Table 4.2; known: {', '.join(_FORMATS)}")
-    return _FORMATS[name]
+    return name
+
+
+def _textures(inputs: Inputs) -> tuple[memory.Texture, ...]:
+    """Textures of a technique, or of its temporary map "C"."""
+    technique, _, scratch = _name(inputs).partition("_")
+    storage = memory.SOURCE_STORAGE[technique.lower()]
+    return storage.scratch if scratch else storage.textures
 
 
 def _bytes(inputs: Inputs) -> int:
-    """(4·res² − 1)/3 texels in a full chain of mip levels of a power-of-two map; level by level for other sizes."""
-    size, (chained, single) = inputs.integer("res"), _formats(inputs)
-    chain = (4 * size * size - 1) // 3 if size & (size - 1) == 0 else _chain(size)
-    return chained * chain + single * size * size
+    return memory.Storage(_textures(inputs)).num_bytes(inputs.integer("res"))
 
 
-def _chain(size: int) -> int:
-    """Texels of all mip levels, added up."""
-    total = 0
-    while size:
-        total += size * size
-        size //= 2
-    return total
+def _bytes_closed(inputs: Inputs) -> int | None:
+    """(4·res² − 1)/3 texels in a full chain of mip levels of a power-of-two map."""
+    size, (chained, single) = inputs.integer("res"), _FORMATS[_name(inputs)]
+    return None if size & (size - 1) else chained * (4 * size * size - 1) // 3 + single * size * size
 
 
-def _bytes_summed(inputs: Inputs) -> int:
-    size, (chained, single) = inputs.integer("res"), _formats(inputs)
-    return chained * _chain(size) + single * size * size
+def _megabytes(inputs: Inputs) -> float:
+    return memory.source_megabytes(_textures(inputs), inputs.integer("res"))
 
 
-def _printed_megabytes(inputs: Inputs) -> float:
-    """As the table counts: each texture rounded up to KiB, thousands of them, three decimals."""
-    size, (chained, single) = inputs.integer("res"), _formats(inputs)
+def _pages(inputs: Inputs) -> Fraction:
+    """Thousands of pages of a KiB that the textures of a technique begin, texture by texture and level by level."""
+    size, (chained, single) = inputs.integer("res"), _FORMATS[_name(inputs)]
+    levels = [size >> level for level in range(size.bit_length())]
     each = [chained] if chained <= 8 else [8] * (chained // 8)
-    kib = sum(math.ceil(one * _chain(size) / 1024) for one in each) + math.ceil(single * size * size / 1024)
-    return kib / 1000
+    sizes = [sum(one * level * level for level in levels) for one in each] + [single * size * size]
+    return Fraction(sum(len(range(0, count, 1024)) for count in sizes), 1000)
 
 
-def _printed_from_bytes(inputs: Inputs) -> float:
-    """Bytes over 1 024 000, each texture's last KiB filled: within one KiB a texture of the exact size."""
-    return _bytes(inputs) / 1_024_000
+def _wrong_cells(inputs: Inputs) -> list[str]:
+    return [f"{column} {resolution}" for resolution, column, *_ in memory.wrong_cells()]
+
+
+def _wrong_pages(inputs: Inputs) -> list[str]:
+    """Cells of the printed table that are not the pages counted, to three decimals."""
+    wrong = []
+    for resolution, row in memory.PRINTED_TABLE.items():
+        for column, printed in zip(memory.TABLE_COLUMNS, row, strict=True):
+            technique, _, scratch = column.partition(" ")
+            counted = _pages(Inputs({"res": resolution, "technique": technique.upper() + ("_C" if scratch else "")}))
+            if round(counted * 1000) != round(Fraction(str(printed)) * 1000):
+                wrong.append(f"{column} {resolution}")
+    return wrong
 
 
 def _outside(inputs: Inputs) -> int:
@@ -76,27 +95,33 @@ def _outside(inputs: Inputs) -> int:
     return sum(not low <= loss <= high for loss in losses)
 
 
-def _outside_counted(inputs: Inputs) -> int:
-    """The same with frames compared in whole numbers, cell by cell."""
-    low, high, count = inputs.fraction("low"), inputs.fraction("high"), 0
-    for screen, techniques in _PLAIN.items():
-        for name, frames in techniques.items():
-            for before, after in zip(frames, _BLURRED[screen][name], strict=True):
-                count += before - after < low * before or before - after > high * before
-    return count
+def _outside_ranges(inputs: Inputs) -> int:
+    """All cells less those whose blurred frames are a whole number in the range that the plain frames allow."""
+    low, high, one = (inputs.fraction(name) for name in ("low", "high", "one"))
+    cells = [
+        (before, after)
+        for screen, techniques in _PLAIN.items()
+        for name, frames in techniques.items()
+        for before, after in zip(frames, _BLURRED[screen][name], strict=True)
+    ]
+    allowed = {
+        before: range(math.ceil((one - high) * before), math.floor((one - low) * before) + 1) for before, _ in cells
+    }
+    return len(cells) - sum(after in allowed[before] for before, after in cells)
 
 
 EQUATIONS: tuple[Equation, ...] = (
     *_filtering_moments.EQUATIONS,
     *_filtering_bases.EQUATIONS,
     *_filtering_exponential.EQUATIONS,
+    *_filtering_limits.EQUATIONS,
     Equation(
         id="filtering.Tab4.2.bytes",
         source="filtering, Table 4.2",
         statement="Bytes of a technique's maps: mip chains of its formats, an auxiliary map without mips.",
         verdict="holds",
         closed_form=_bytes,
-        derived=_bytes_summed,
+        independent=_bytes_closed,
         samples=tuple(({"res": size}, f"{name},{size}") for name in _FORMATS for size in (256, 2048)),
     ),
     Equation(
@@ -104,9 +129,8 @@ EQUATIONS: tuple[Equation, ...] = (
         source="filtering, Table 4.2",
         statement="The table's numbers are thousands of KiB, each texture rounded up to a KiB.",
         verdict="erratum",
-        closed_form=_printed_megabytes,
-        derived=_printed_from_bytes,
-        tolerance=5e-3,  # at most one KiB for each of nine textures
+        closed_form=_megabytes,
+        independent=_pages,
         correction=Correction(
             printed="the auxiliary map of CSM at 256² takes 0.512",
             corrected="0.256; the printed cell is that of VSM",
@@ -117,12 +141,21 @@ EQUATIONS: tuple[Equation, ...] = (
         samples=tuple(({"res": size}, f"{name},{size}") for name in _FORMATS for size in (256, 2048)),
     ),
     Equation(
+        id="filtering.Tab4.2.wrong_cells",
+        source="filtering, Table 4.2",
+        statement="Cells of the printed table that its formats do not give.",
+        verdict="holds",
+        closed_form=_wrong_cells,
+        independent=_wrong_pages,
+        samples=({},),
+    ),
+    Equation(
         id="filtering.Tab4.3.outside",
         source="filtering, Tables 4.1 and 4.3",
         statement="Cells in which blurring costs less than 10 % or more than 20 % of the frames.",
         verdict="erratum",
         closed_form=_outside,
-        derived=_outside_counted,
+        independent=_outside_ranges,
         correction=Correction(
             printed="blurring costs about 10 to 20 % of the frames",
             corrected="22 of 48 cells lie outside; up to 43 %",
