@@ -2,9 +2,11 @@
 
 import os
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
@@ -23,17 +25,102 @@ def require(condition: bool, message: str) -> None:
         raise ValueError(message)
 
 
-def require_int(value: Any, name: str, minimum: int) -> int:
-    """An int that is at least `minimum`, or a ValueError that names it."""
+@dataclass(frozen=True)
+class Range:
+    """Where a number has to lie; in an annotation, `Annotated[float, POSITIVE]`, checked signatures see to it.
+
+    Attributes:
+        low: Least value; None for no bound.
+        high: Largest value; None for no bound.
+        is_open: Whether `low` itself is left out.
+    """
+
+    low: float | None = None
+    high: float | None = None
+    is_open: bool = False
+
+    def holds(self, value: Any) -> bool:
+        """Whether all numbers lie inside."""
+        above = self.low is None or (value > self.low if self.is_open else value >= self.low)
+        return bool(np.all(above) and (self.high is None or np.all(value <= self.high)))
+
+    def __str__(self) -> str:
+        """In words."""
+        if self.low is None:
+            return f"at most {self.high:g}" if self.high is not None else "any number"
+        above = "positive" if self.low == 0 else f"above {self.low:g}"
+        text = above if self.is_open else f"at least {self.low:g}"
+        return text if self.high is None else f"{text} and at most {self.high:g}"
+
+
+POSITIVE = Range(0.0, is_open=True)
+NOT_NEGATIVE = Range(0.0)
+UNIT_INTERVAL = Range(0.0, 1.0)
+
+
+def came(value: Any) -> str:
+    """What a user gave, in a few words: kind, and shape or value."""
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    if isinstance(value, Tracer | jax.Array | np.ndarray):
+        shown = "" if isinstance(value, Tracer) or value.size != 1 or value.ndim else f" ({value})"
+        return f"an array of shape {tuple(value.shape)} and dtype {value.dtype}{shown}"
+    if isinstance(value, list | tuple):
+        kinds = dict.fromkeys(type(part).__name__ for part in value)
+        return f"a {type(value).__name__} of {len(value)}" + (f" ({', '.join(list(kinds)[:3])})" if kinds else "")
+    if value is None or isinstance(value, str | bytes | bool | int | float | complex | np.generic):
+        # Python refuses to write integers of thousands of digits.
+        num_bits = value.bit_length() if isinstance(value, int) else 0
+        huge = num_bits > 256
+        text = f"an integer of {num_bits} bits" if huge else repr(value)
+        text = text if len(text) <= 60 else f"{text[:57]}…"
+        return text if value is None or huge else f"{text} ({type(value).__name__})"
+    if callable(value) and hasattr(value, "__name__"):
+        return f"the function {value.__name__}"
+    return f"a{'n' if type(value).__name__[0] in 'AEIOU' else ''} {type(value).__name__}"
+
+
+def require_int(value: Any, name: str, minimum: int, maximum: int = (1 << 63) - 1) -> int:
+    """An int that is at least `minimum` and at most `maximum`, or a ValueError that names it."""
     is_int = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    require(bool(is_int and value >= minimum), f"{name} must be an integer of at least {minimum}; got {value!r}")
+    least = "" if minimum <= -(1 << 63) else f" of at least {minimum}"
+    require(bool(is_int and value >= minimum), f"{name} must be an integer{least}; got {came(value)}")
+    require(bool(value <= maximum), f"{name} must be at most {maximum}; got {came(value)}")
     return int(value)
+
+
+def require_number(value: Any, name: str, within: Range | None = None) -> Any:
+    """A finite real number, of Python or an array of shape (), that is no bool; else a ValueError that names it."""
+    wanted = "a number" if within is None else f"a number, {within}"
+    is_array = isinstance(value, np.ndarray | np.generic | jax.Array)
+    good = bool(value.ndim == 0 and value.dtype.kind in "fiu") if is_array else isinstance(value, int | float)
+    require(good and not isinstance(value, bool), f"{name} must be {wanted}; got {came(value)}")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = np.inf
+    require(bool(np.isfinite(number)), f"{name} must be finite; got {came(value)}")
+    require(within is None or within.holds(number), f"{name} must be {wanted}; got {came(value)}")
+    return value
+
+
+def require_dtype(value: Any, name: str) -> Any:
+    """A floating dtype, or a ValueError that names it."""
+    try:
+        is_floating = value is not None and jnp.issubdtype(jnp.dtype(value), jnp.floating)
+    except TypeError:
+        is_floating = False
+    require(is_floating, f"{name} must be a floating dtype, such as jnp.float32; got {came(value)}")
+    return value
 
 
 def require_choice(value: Any, name: str, choices: Iterable[Any]) -> Any:
     """`value` if it is one of `choices`, or a ValueError that lists them."""
     known = tuple(choices)
-    require(value in known, f"{name} must be one of {', '.join(map(repr, known))}; got {value!r}")
+    is_plain = value is None or isinstance(value, str | int | float)
+    require(
+        bool(is_plain and value in known), f"{name} must be one of {', '.join(map(repr, known))}; got {came(value)}"
+    )
     return value
 
 
@@ -60,6 +147,31 @@ def require_finite(array: Array, name: str) -> Array:
             raise ValueError(f"{name} must be finite; {bad} of {known.size} numbers are NaN or infinite")
         return array
     return eqx.error_if(array, jnp.logical_not(jnp.all(jnp.isfinite(array))), f"{name} must be finite")
+
+
+# From here on a sum is faster than a test of every number.
+_FEW = 4096
+
+
+@jax.jit
+def _all_finite(array: Array) -> Array:
+    return jnp.all(jnp.isfinite(array))
+
+
+def num_not_finite(array: Any) -> int:
+    """How many numbers of a known array are NaN or infinite; good ones are known by one sum, or on their device."""
+    if isinstance(array, jax.Array) and jax.default_backend() != "cpu" and jnp.issubdtype(array.dtype, jnp.inexact):
+        return 0 if bool(_all_finite(array)) else int(jnp.sum(~jnp.isfinite(array)))
+    known = np.asarray(array)
+    if known.dtype.kind in "iub":
+        return 0
+    if known.size > _FEW:
+        # A sum is finite only where every number is; it may overflow where all are, so then they are counted.
+        with np.errstate(all="ignore"):
+            if np.isfinite(known.sum()):
+                return 0
+    finite = np.isfinite(known)
+    return 0 if finite.all() else int(finite.size - finite.sum())
 
 
 def available_memory() -> int | None:
