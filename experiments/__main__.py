@@ -1,18 +1,22 @@
 """Command line: `python -m experiments NAME | all [--quick] [--config FILE] [--out DIR]`."""
 
+# Light imports only: what an experiment needs is loaded when it is known which one is asked for.
+
 import argparse
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
-from experiments import EXPERIMENTS, Outcome, Unsuitable, default_path, find, perform, read_config
-from shadowjax._checks import require
-from shadowjax.io import output_folder, write_bytes, write_json
-from shadowjax.plotting import figure_png, gif_bytes
+from experiments import EXPERIMENTS, find
+from shadowjax import _process
+from shadowjax._printable import printable
+from shadowjax.io import check_output, json_text, output_folder, write_files
 
-DONE, CLAIM_FAILED, BAD_INPUT = 0, 1, 2
+if TYPE_CHECKING:
+    from experiments import Outcome
+
+PROGRAM = "experiments"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -27,7 +31,8 @@ def _parser() -> argparse.ArgumentParser:
         prog="python -m experiments",
         description="Run figures and tables of the sources; write NAME.png and NAME.json, NAME.gif where something "
         "moves, and judge their claims.",
-        epilog="Exit codes: 0 all claims hold, 1 a claim failed, 2 bad input. Experiments: " + ", ".join(EXPERIMENTS),
+        epilog="Exit codes: 0 all claims hold, 1 a claim failed, 2 bad input, 130 interrupted. Experiments: "
+        + ", ".join(EXPERIMENTS),
     )
     parser.add_argument("name", metavar="NAME", help="an experiment, or `all`")
     parser.add_argument(
@@ -40,16 +45,20 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _save(outcome: Outcome, folder: Path) -> Path:
-    picture = write_bytes(folder / f"{outcome.name}.png", figure_png(outcome.figure))
-    write_json(folder / f"{outcome.name}.json", outcome.record())
+def _save(outcome: "Outcome", folder: Path) -> Path:
+    from shadowjax.plotting import figure_png, gif_bytes
+
+    picture = folder / f"{outcome.name}.png"
+    files: dict[str | Path, bytes] = {picture: figure_png(outcome.figure)}
+    files[folder / f"{outcome.name}.json"] = json_text(outcome.record()).encode()
     if outcome.frames:
-        write_bytes(folder / f"{outcome.name}.gif", gif_bytes(outcome.frames))
+        files[folder / f"{outcome.name}.gif"] = gif_bytes(outcome.frames)
+    write_files(files)
     return picture
 
 
-def _tell(outcome: Outcome, seconds: float, picture: Path) -> None:
-    print(f"{outcome.name}: {seconds:.1f} s → {picture}")
+def _tell(outcome: "Outcome", seconds: float, picture: Path) -> None:
+    print(f"{outcome.name}: {seconds:.1f} s → {printable(str(picture))}")
     for claim in outcome.claims:
         verdict = ("holds" if claim.holds else "FAILS") if claim in outcome.judged else "timed"
         print(f"  {verdict}  {claim.name}: {claim.value} (expected {claim.expected})")
@@ -57,34 +66,32 @@ def _tell(outcome: Outcome, seconds: float, picture: Path) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run what the command line asks for; returns the exit code."""
-    try:
-        asked = _parser().parse_args(arguments)
-        require(asked.config is None or asked.name != "all", "--config belongs to one experiment; give its NAME")
-        names = list(EXPERIMENTS) if asked.name == "all" else [asked.name]
-        chosen = {name: find(name) for name in names}
-        configs = {
-            name: read_config(experiment.Config, asked.config or default_path(name), asked.quick)
-            for name, experiment in chosen.items()
-        }
-        folder = output_folder(asked.out)
-    except ValueError as error:
-        return _complain(error)
+    return _process.exit_code(PROGRAM, lambda: _run(arguments), "ask for smaller pictures and maps in a --config file")
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    asked = _parser().parse_args(arguments)
+    if asked.config is not None and asked.name == "all":
+        raise ValueError("--config belongs to one experiment; give its NAME")
+    chosen = {name: find(name) for name in (EXPERIMENTS if asked.name == "all" else [asked.name])}
+    from experiments import default_path, perform, read_config
+
+    configs = {
+        name: read_config(experiment.Config, asked.config or default_path(name), asked.quick)
+        for name, experiment in chosen.items()
+    }
+    folder = output_folder(asked.out)
+    for name in chosen:
+        for kind in ("png", "json", "gif"):
+            check_output(folder / f"{name}.{kind}")
     passed = True
     for name, experiment in chosen.items():
         start = time.perf_counter()
-        try:
-            outcome = perform(name, experiment, configs[name], asked.quick)
-        except Unsuitable as error:
-            return _complain(error)
+        outcome = perform(name, experiment, configs[name], asked.quick)
         _tell(outcome, time.perf_counter() - start, _save(outcome, folder))
         passed &= outcome.passed
-    return DONE if passed else CLAIM_FAILED
-
-
-def _complain(error: ValueError) -> int:
-    print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
-    return BAD_INPUT
+    return _process.DONE if passed else _process.FAILED
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    _process.run(PROGRAM, main)

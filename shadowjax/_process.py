@@ -82,6 +82,8 @@ def exit_code(program: str, work: Callable[[], int], less_memory: str) -> int:
         raise
     except KeyboardInterrupt:
         return INTERRUPTED
+    except SystemExit as stop:  # readers of options end a program when they have shown its help
+        return DONE if stop.code is None else stop.code if isinstance(stop.code, int) else FAILED
     finally:
         warnings.showwarning = show
 

@@ -1,6 +1,7 @@
 """What the commands show on a screen: progress on standard error, tables on standard output."""
 
 import contextlib
+import shutil
 import sys
 import time
 from collections.abc import Iterable, Sequence
@@ -12,6 +13,10 @@ from rich.table import Table
 from rich.text import Text
 
 from shadowjax._printable import approximate, one_line
+
+_WIDTH_OF_FILES = 200
+_LEAST_TEXT = 16  # characters of a column of text that may be broken
+_BETWEEN = 2  # characters between two columns
 
 
 class Steps:
@@ -52,20 +57,47 @@ class Steps:
 
 
 def show_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]], numeric: Iterable[int] = ()) -> None:
-    """A table on standard output; columns of `numeric` are aligned right and never broken."""
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = 200
+    """A table on standard output; columns of `numeric` are aligned right and never broken.
+
+    Where the terminal is too narrow for all columns, further tables below hold the rest, each with the first column.
+    Nothing is cut off: text goes on in the next line.
+    """
+    # Rich takes a terminal that it calls dumb to be 80 wide.
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else _WIDTH_OF_FILES
+    console = Console(highlight=False, width=width, height=24)
     right = set(numeric)
-    table = Table(title=_shown(title), title_justify="left", header_style="bold", box=None, pad_edge=False)
-    for index, name in enumerate(columns):
-        table.add_column(_shown(name), justify="right" if index in right else "left", no_wrap=index in right)
-    for row in rows:
-        table.add_row(*(Text(_shown(str(value))) for value in row))
+    heads, cells = [_shown(name) for name in columns], [[_shown(str(value)) for value in row] for row in rows]
+    # A column of numbers, and the first one, are as wide as their widest cell; other text may be broken.
+    widths = [
+        widest if index in right or index == 0 else min(widest, _LEAST_TEXT)
+        for index, widest in enumerate(max(map(len, column)) for column in zip(heads, *cells, strict=True))
+    ]
     # Rich ends the program by itself where the reader of standard output has gone, so it only lays out.
     with console.capture() as laid_out:
-        console.print(table)
+        for number, part in enumerate(_parts(widths, console.width)):
+            table = Table(title=None if number else _shown(title), title_justify="left", header_style="bold", box=None)
+            table.pad_edge = False
+            for index in part:
+                table.add_column(heads[index], justify="right" if index in right else "left", overflow="fold")
+                if widths[index] <= console.width // 2 and (index in right or index == 0):
+                    table.columns[-1].min_width = widths[index]
+            for row in cells:
+                table.add_row(*(Text(row[index]) for index in part))
+            console.print(table)
     sys.stdout.write(laid_out.get())
+
+
+def _parts(widths: Sequence[int], room: int) -> list[list[int]]:
+    """Columns of each table, so that each fits into the room: all of them in one if they fit."""
+    parts, left = [[0]], room - widths[0]
+    for index in range(1, len(widths)):
+        need = widths[index] + _BETWEEN
+        if need > left and len(parts[-1]) > 1:
+            parts.append([0])
+            left = room - widths[0]
+        parts[-1].append(index)
+        left -= need
+    return parts
 
 
 def say(message: str) -> None:

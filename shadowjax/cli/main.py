@@ -5,7 +5,9 @@ import dataclasses
 import difflib
 import io
 import re
+import shutil
 import sys
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -69,18 +71,22 @@ def _run(words: list[str]) -> int:
 
 
 def _help() -> str:
-    """The commands, one line each."""
+    """The commands and what they do, as wide as the terminal."""
     width = max(map(len, COMMANDS))
-    lines = [f"  {name:<{width}}  {(command.__doc__ or '').split(chr(10))[0]}" for name, command in COMMANDS.items()]
+    room = max(shutil.get_terminal_size((120, 24)).columns, width + 20)
+    lines = [(f"  {name:<{width}}  ", (command.__doc__ or "").split("\n")[0]) for name, command in COMMANDS.items()]
+    notes = [
+        "SCENE is a built-in scene or a mesh file (OBJ, PLY, STL, GLB, ...).",
+        "Exit codes: 0 done, 1 a claim or an equation failed, 2 bad input, 130 interrupted.",
+        "`shadowjax COMMAND --help` lists the options of a command; `shadowjax --version` prints the version.",
+    ]
     return "\n".join(
         [
             "usage: shadowjax COMMAND [SCENE] [options]",
             "",
-            *lines,
+            *(textwrap.fill(start + does, room, subsequent_indent=" " * len(start)) for start, does in lines),
             "",
-            "SCENE is a built-in scene or a mesh file (OBJ, PLY, STL, GLB, ...).",
-            "Exit codes: 0 done, 1 a claim or an equation failed, 2 bad input, 130 interrupted.",
-            "`shadowjax COMMAND --help` lists the options of a command; `shadowjax --version` prints the version.",
+            *(textwrap.fill(note, room) for note in notes),
         ]
     )
 

@@ -32,21 +32,25 @@ class Limits:
         return f"({low}, {high})" if self.strictly else f"[{low}, {high}]"
 
 
-Side = Annotated[int, arg(metavar="INT"), Limits(1, 16384)]
-Samples = Annotated[int, arg(metavar="INT"), Limits(1, 64)]
-Triangles = Annotated[int, arg(metavar="INT"), Limits(1, 10_000_000)]
-Partitions = Annotated[int, arg(metavar="INT"), Limits(1, 64)]
-Taps = Annotated[int, arg(metavar="INT"), Limits(1, 255)]
-Depths = Annotated[int, arg(metavar="INT"), Limits(2, 5)]
-Trials = Annotated[int, arg(metavar="INT"), Limits(2, 10_000)]
-Distance = Annotated[float, arg(metavar="FLOAT"), Limits(1e-12, 1e12)]
-Point = Annotated[tuple[float, float, float], arg(metavar="X Y Z"), Limits(-1e12, 1e12)]
-Turn = Annotated[float, arg(metavar="FLOAT"), Limits(-360, 360)]
-Elevation = Annotated[float, arg(metavar="FLOAT"), Limits(-90, 90)]
-HalfAngle = Annotated[float, arg(metavar="FLOAT"), Limits(0, 90, strictly=True)]
-RightAngle = Annotated[float, arg(metavar="FLOAT"), Limits(0, 90)]
-Factor = Annotated[float, arg(metavar="FLOAT"), Limits(1, 1e9, strictly=True)]
+_NUMBER = arg(metavar="FLOAT")
+_WHOLE = arg(metavar="INT")
+_XYZ = arg(metavar="X Y Z")
 _FILE = arg(metavar="FILE")
+
+Side = Annotated[int, _WHOLE, Limits(1, 16384)]
+Samples = Annotated[int, _WHOLE, Limits(1, 64)]
+Triangles = Annotated[int, _WHOLE, Limits(1, 10_000_000)]
+Partitions = Annotated[int, _WHOLE, Limits(1, 64)]
+Taps = Annotated[int, _WHOLE, Limits(1, 255)]
+Depths = Annotated[int, _WHOLE, Limits(2, 5)]
+Trials = Annotated[int, _WHOLE, Limits(2, 10_000)]
+Distance = Annotated[float, _NUMBER, Limits(1e-12, 1e12)]
+Point = Annotated[tuple[float, float, float], _XYZ, Limits(-1e12, 1e12)]
+Turn = Annotated[float, _NUMBER, Limits(-360, 360)]
+Elevation = Annotated[float, _NUMBER, Limits(-90, 90)]
+HalfAngle = Annotated[float, _NUMBER, Limits(0, 90, strictly=True)]
+RightAngle = Annotated[float, _NUMBER, Limits(0, 90)]
+Factor = Annotated[float, _NUMBER, Limits(1, 1e9, strictly=True)]
 
 
 def limits_of(command: type) -> dict[str, Limits]:
@@ -86,25 +90,25 @@ class SceneOptions:
 
     light: Literal["directional", "spot", "point"] = "directional"
     """Kind of light; a spot or point light stands outside the scene unless --light-position says where."""
-    light_direction: Point | None = None
+    light_direction: Annotated[Point | None, _XYZ] = None
     """The way the light travels; its length does not matter."""
-    light_azimuth_deg: Turn | None = None
+    light_azimuth_deg: Annotated[Turn | None, _NUMBER] = None
     """Where the light stands: degrees from the viewer's side (+z) to the right (+x)."""
-    light_elevation_deg: Elevation | None = None
+    light_elevation_deg: Annotated[Elevation | None, _NUMBER] = None
     """How high the light stands: degrees above the horizon."""
-    light_position: Point | None = None
+    light_position: Annotated[Point | None, _XYZ] = None
     """Where a spot or point light stands."""
-    camera_position: Point | None = None
+    camera_position: Annotated[Point | None, _XYZ] = None
     """Where the camera stands, world units."""
-    camera_target: Point | None = None
+    camera_target: Annotated[Point | None, _XYZ] = None
     """What the camera looks at; the middle of the scene if only its position is given."""
-    phi_deg: HalfAngle | None = None
+    phi_deg: Annotated[HalfAngle | None, _NUMBER] = None
     """Half the vertical angle of view, degrees in (0, 90)."""
-    near: Distance | None = None
+    near: Annotated[Distance | None, _NUMBER] = None
     """Near distance of the camera, world units."""
-    far: Distance | None = None
+    far: Annotated[Distance | None, _NUMBER] = None
     """Far distance of the camera, world units."""
-    num_triangles: Triangles | None = None
+    num_triangles: Annotated[Triangles | None, _WHOLE] = None
     """About how many triangles a built-in scene gets."""
     up: Literal["auto", "y", "z"] = "auto"
     """Up axis of a mesh file; auto takes z for STL and y for the rest."""
@@ -259,7 +263,7 @@ class Splits:
     """Warp of each map; free chooses every n' together with the planes."""
     section: Literal["axis", "whole"] = "axis"
     """Where the error counts: along the view axis, or over the whole section of the view."""
-    seam_limit: Factor | None = None
+    seam_limit: Annotated[Factor | None, _NUMBER] = None
     """Largest factor, above 1, by which the error may jump from one map to the next; none by default."""
     json: Annotated[str | None, _FILE] = None
     """File for the result; `-` writes to standard output and nothing else there."""

@@ -40,8 +40,8 @@ def pareto(records: Sequence[Any], title: str = "", width: float = 10.4, height:
     times = [record.build_ms + record.visibility_ms for record in mapped]
     _panel(figure, axes[0, 0], names, memory, errors)
     _panel(figure, axes[0, 1], names, times, errors)
-    label(axes[0, 0], "map memory (MiB)", "RMS error of received light (%)", title)
-    axes[0, 0].title.set_parse_math(False)  # the name of a file may hold dollar signs
+    label(axes[0, 0], "map memory (MiB)", "RMS error of received light (%)")
+    axes[0, 0].set_title(title, parse_math=False)  # the name of a file may hold dollar signs
     label(axes[0, 1], "build and lookup of one picture (ms)")
     for exact in (one for one in records if one.map_bytes == 0):
         time = exact.build_ms + exact.visibility_ms

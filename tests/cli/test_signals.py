@@ -47,6 +47,11 @@ def test_a_signal_ends_a_command(command, number, after, tmp_path):
     assert code != 0 or command == "help"
 
 
+@pytest.mark.parametrize("after", [0.0, 1.0])
+def test_a_signal_ends_an_experiment(after, tmp_path):
+    assert assert_ends(["all", "--out", "."], signal.SIGINT, after, tmp_path, "experiments") == 130
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(60))
 def test_signals_at_many_moments(seed, tmp_path):

@@ -1,6 +1,7 @@
 """The page: one file that needs nothing else, every name harmless, every part there."""
 
 import dataclasses
+import json
 import re
 from html.parser import HTMLParser
 
@@ -107,3 +108,15 @@ def test_elements_escape_attributes_and_text():
     )
     assert "<script" not in table((EVIL,), [(EVIL,)], caption=EVIL)
     assert data_uri(b"\x00\x01") == "data:image/png;base64,AAE="
+
+
+def test_names_that_steer_a_screen_are_spelled_out(findings, tmp_path):
+    name = "a\x1b[31m\n\u202e<b>\udcff&.obj"
+    named = dataclasses.replace(findings, scene=dataclasses.replace(findings.scene, name=name), command=name)
+    shown = write_report(named, tmp_path).read_text(encoding="utf-8")
+    assert all(sign.isprintable() or sign == "\n" for sign in shown)
+    assert "a\\x1b[31m" in shown
+    assert "<b>" not in shown
+    results = (tmp_path / "results.json").read_text(encoding="utf-8")
+    assert results.replace("\n", "").isprintable()
+    assert json.loads(results)["scene"]["name"] == name

@@ -2,6 +2,7 @@
 
 import sys
 from io import BytesIO
+from types import SimpleNamespace
 
 import matplotlib as mpl
 import numpy as np
@@ -137,3 +138,8 @@ def test_a_gif_holds_every_frame_and_says_what_is_wrong():
         plotting.gif_bytes([grey[0], np.zeros(3)])
     with pytest.raises(ValueError, match="fewer or smaller frames"):
         plotting.gif_bytes(grey, most_bytes=100)
+
+
+def test_a_name_with_dollar_signs_is_no_formula():
+    record = SimpleNamespace(technique="hard", light_rmse=0.1, map_bytes=1024, build_ms=1.0, visibility_ms=1.0)
+    assert len(plotting.figure_png(plotting.pareto([record], r"$\frac{$.obj"))) > 1000
