@@ -33,7 +33,8 @@ from shadowjax.filters.prefilter import Prefilter
 from shadowjax.filters.variance import Variance
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, PointLight, SpotLight
-from shadowjax.geometry.mesh import Mesh, load
+from shadowjax.geometry.mesh import Mesh
+from shadowjax.geometry.mesh_files import load
 from shadowjax.geometry.outlines import MeshEdges, mesh_edges
 from shadowjax.geometry.scenes import SCENES, Scene
 from shadowjax.geometry.scenes import make as make_scene

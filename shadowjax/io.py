@@ -1,4 +1,4 @@
-"""The only opener of files besides geometry.mesh.load: whole-file writes that never leave half a file, and TOML."""
+"""The only opener of files besides geometry.mesh_files: whole-file writes that never leave half a file, and TOML."""
 
 # Light imports only: options are read from TOML, and files refused, before anything heavy is imported.
 

@@ -7,7 +7,7 @@ from shadowjax._checks import require
 from shadowjax._printable import printable
 from shadowjax.cli.options import PictureOptions, SceneOptions
 from shadowjax.geometry import scenes, staging
-from shadowjax.geometry.mesh import load
+from shadowjax.geometry.mesh_files import load
 from shadowjax.geometry.scenes import Scene
 
 

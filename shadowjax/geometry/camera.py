@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from shadowjax._checks import concrete, require, require_finite, require_value
 from shadowjax._numerics import norm, rotate
 from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, Vector3, as_float_array
+from shadowjax.geometry.origin import ZERO, to_local
 from shadowjax.geometry.transforms import angle_between_lines, unit, view_frame
 
 
@@ -42,6 +43,7 @@ class Camera(eqx.Module):
         far: ArrayLike,
         aspect: ArrayLike = 1.0,
         dtype: Any = None,
+        origin: Any = ZERO,
     ) -> "Camera":
         """Camera at `position` that looks at `target`.
 
@@ -54,11 +56,13 @@ class Camera(eqx.Module):
             far: Far distance, world units, > near.
             aspect: Width over height, > 0.
             dtype: Floating dtype of all numbers; that of `position` if None.
+            origin: `Mesh.origin` of the mesh looked at, where position and target are world coordinates.
 
         Raises:
             ValueError: If a number lies outside its range; the message names it.
         """
         dtype = as_float_array(position, dtype).dtype
+        position, target = to_local(position, origin), to_local(target, origin)
         position, target, up, phi_y, near, far, aspect = (
             require_finite(as_float_array(value, dtype), name)
             for value, name in [

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from shadowjax._checks import require, require_finite, require_value
 from shadowjax._numerics import dot, norm, normalize, safe_divide
 from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, Vector3, as_float_array
+from shadowjax.geometry.origin import ZERO, to_local
 
 
 class Light(eqx.Module):
@@ -93,13 +94,13 @@ class PointLight(Light):
     color: Vector3
 
     @classmethod
-    def create(cls, position: ArrayLike, color: ArrayLike = 1.0, dtype: Any = None) -> "PointLight":
-        """Light at `position`.
+    def create(cls, position: ArrayLike, color: ArrayLike = 1.0, dtype: Any = None, origin: Any = ZERO) -> "PointLight":
+        """Light at `position`; in the world, where `origin` is the `Mesh.origin` of the mesh it shines on.
 
         Raises:
             ValueError: If a number is not finite or a colour is negative.
         """
-        return cls(_position(position, "light position", dtype), _color(color, dtype))
+        return cls(_position(to_local(position, origin), "light position", dtype), _color(color, dtype))
 
     def to_light(self, points: Points) -> tuple[Points, Float[Array, "*points"]]:
         """Unit direction and distance to the light, world units."""
@@ -139,8 +140,11 @@ class SpotLight(Light):
         half_angle: ArrayLike,
         color: ArrayLike = 1.0,
         dtype: Any = None,
+        origin: Any = ZERO,
     ) -> "SpotLight":
         """Light at `position` that shines along `direction` into a cone of `half_angle` radians.
+
+        The position is in the world, where `origin` is the `Mesh.origin` of the mesh that the light shines on.
 
         Raises:
             ValueError: If the direction is zero, the half angle lies outside (0, π/2), or a number is not finite.
@@ -150,7 +154,7 @@ class SpotLight(Light):
             angle, (angle > 0) & (angle < jnp.pi / 2), "half_angle of a spot light must lie in (0, π/2) radians"
         )
         return cls(
-            _position(position, "light position", dtype),
+            _position(to_local(position, origin), "light position", dtype),
             _direction(direction, "light direction", dtype),
             angle,
             _color(color, dtype),

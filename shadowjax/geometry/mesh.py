@@ -1,18 +1,16 @@
-"""Triangle meshes: the Mesh pytree, its checked constructor, loading through trimesh, normals, areas and bounds."""
+"""Triangle meshes: the Mesh pytree, its checked constructor, normals, areas and bounds."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-import trimesh
-from trimesh.visual.color import uv_to_color
 
 from shadowjax._checks import concrete, require, require_finite
 from shadowjax._numerics import norm, normalize, safe_divide
 from shadowjax._types import Array, ArrayLike, Float, Int, Scalar, Vector3, as_float_array
+from shadowjax.geometry.origin import Origin, as_origin, to_local
 from shadowjax.geometry.transforms import Matrix4, transform_points
 
 DEFAULT_ALBEDO = 0.75
@@ -25,15 +23,24 @@ class Mesh(eqx.Module):
         vertices: Positions, world units.
         faces: Vertex indices of each triangle, counter-clockwise seen from outside.
         face_colors: Linear albedo of each triangle, each channel in [0, 1].
+        origin: Where the zero of `vertices` lies in the world, in float64 and static: a position in the world is
+            `origin` plus the local one. Cameras, lights and points are local too; `to_local` brings world positions
+            there before they are rounded. Zero but for files that lie far from it.
     """
 
     vertices: Float[Array, "vertices 3"]
     faces: Int[Array, "faces 3"]
     face_colors: Float[Array, "faces 3"]
+    origin: Origin = eqx.field(static=True, converter=as_origin, default=(0.0, 0.0, 0.0))
 
     @classmethod
     def create(
-        cls, vertices: ArrayLike, faces: ArrayLike, face_colors: ArrayLike | None = None, dtype: Any = None
+        cls,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        face_colors: ArrayLike | None = None,
+        dtype: Any = None,
+        origin: Any = (0.0, 0.0, 0.0),
     ) -> "Mesh":
         """Check what a user gives and make a mesh of it.
 
@@ -42,6 +49,7 @@ class Mesh(eqx.Module):
             faces: (F, 3) integer indices in [0, V); F ≥ 1.
             face_colors: (F, 3) or (3,) linear albedo in [0, 1]; light grey if None.
             dtype: Floating dtype; that of `vertices`, or JAX's default, if None.
+            origin: Where the zero of `vertices` lies in the world, three numbers that keep 64 bits.
 
         Raises:
             ValueError: If a shape is wrong, an index is out of range, or a number is not finite.
@@ -69,7 +77,7 @@ class Mesh(eqx.Module):
         if colors.ndim < 2:
             colors = jnp.broadcast_to(colors, (num_faces, 3))
         require(colors.shape == (num_faces, 3), f"face_colors must have shape ({num_faces}, 3); got {colors.shape}")
-        return cls(vertices, jnp.asarray(indices, jnp.int32), require_finite(colors, "face_colors"))
+        return cls(vertices, jnp.asarray(indices, jnp.int32), require_finite(colors, "face_colors"), origin)
 
     @property
     def num_faces(self) -> int:
@@ -82,7 +90,7 @@ class Mesh(eqx.Module):
         return self.vertices.shape[0]
 
     def bounds(self) -> tuple[Vector3, Vector3]:
-        """Lower and upper corner of the axis-aligned bounding box, world units."""
+        """Lower and upper corner of the axis-aligned bounding box, world units, about `origin`."""
         return jnp.min(self.vertices, axis=0), jnp.max(self.vertices, axis=0)
 
     @property
@@ -117,78 +125,55 @@ class Mesh(eqx.Module):
         return normalize(summed)
 
     def transformed(self, matrix: Matrix4) -> "Mesh":
-        """Copy of the mesh moved by an affine 4×4 matrix; a mirroring matrix also turns the faces round."""
+        """Copy of the mesh moved in the world by an affine 4×4 matrix; a mirroring matrix also turns the faces round.
+
+        An origin that is not zero moves along in float64, so that local positions stay small; under a traced matrix
+        it stays, and the local positions take up what it moves by.
+        """
         mirrored = jnp.linalg.det(matrix[:3, :3]) < 0
         faces = jnp.where(mirrored, self.faces[:, ::-1], self.faces)
-        return Mesh(transform_points(matrix, self.vertices), faces, self.face_colors)
+        origin, known = self.origin, concrete(matrix)
+        if any(origin) and known is not None:
+            exact = known.astype(np.float64)
+            origin = exact[:3, :3] @ np.asarray(origin) + exact[:3, 3]
+            matrix = matrix.at[:3, 3].set(0)
+        elif any(origin):
+            moved = (matrix[:3, :3] - jnp.eye(3, dtype=matrix.dtype)) @ jnp.asarray(origin, matrix.dtype)
+            matrix = matrix.at[:3, 3].add(moved)
+        return Mesh(transform_points(matrix, self.vertices), faces, self.face_colors, origin)
 
     @staticmethod
     def merge(meshes: Sequence["Mesh"]) -> "Mesh":
-        """One mesh holding all triangles of `meshes`, in order; vertices stay separate."""
+        """One mesh holding all triangles of `meshes`, in order, about the origin of the first; vertices stay separate.
+
+        A mesh with another origin is shifted by the difference, taken in float64.
+        """
         require(len(meshes) > 0, "merge needs at least one mesh; got none")
+        origin = meshes[0].origin
         starts = np.cumsum([0, *(mesh.num_vertices for mesh in meshes[:-1])])
         return Mesh(
-            jnp.concatenate([mesh.vertices for mesh in meshes]),
+            jnp.concatenate([mesh.about(origin).vertices for mesh in meshes]),
             jnp.concatenate([mesh.faces + np.int32(start) for mesh, start in zip(meshes, starts, strict=True)]),
             jnp.concatenate([mesh.face_colors for mesh in meshes]),
+            origin,
         )
 
+    def about(self, origin: Any) -> "Mesh":
+        """The same mesh in the world with its local positions about another origin (three numbers)."""
+        origin = as_origin(origin)
+        if origin == self.origin:
+            return self
+        shift = np.asarray(self.origin) - np.asarray(origin)
+        known, dtype = concrete(self.vertices), self.vertices.dtype
+        if known is None:
+            vertices = self.vertices + jnp.asarray(shift, dtype)
+        else:
+            vertices = jnp.asarray(known.astype(np.float64) + shift, dtype)
+        return Mesh(vertices, self.faces, self.face_colors, origin)
 
-def load(path: str | Path, dtype: Any = None) -> Mesh:
-    """Read a mesh file of any kind that trimesh reads (OBJ, PLY, STL, GLB, …).
-
-    A scene graph is merged into one mesh with the transforms of its nodes. Colours come from the file where it has
-    them (face or vertex colours, or the material's main colour), else a light grey.
-
-    Args:
-        path: File to read.
-        dtype: Floating dtype of the result; JAX's default if None.
-
-    Returns:
-        The mesh, in the file's own units.
-
-    Raises:
-        ValueError: If the file is missing, cannot be read as a mesh, or holds no triangles or non-finite numbers.
-    """
-    path = Path(path)
-    require(path.exists(), f"no such mesh file: {path}")
-    require(path.is_file(), f"{path} is a folder; give the mesh file inside it")
-    known = {f".{kind}" for kind in trimesh.available_formats()}
-    require(
-        path.suffix.lower() in known,
-        f"{path} has an ending that no mesh reader knows ({path.suffix or 'none'}); "
-        f"use one of {', '.join(sorted(known))}",
-    )
-    try:
-        loaded = trimesh.load_scene(path, process=False)
-        parts = [part for part in loaded.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
-    except Exception as error:  # the readers of strangers' files raise everything; each means one thing to the user
-        raise ValueError(f"{path} cannot be read as a mesh: {type(error).__name__}: {error}") from error
-    require(len(parts) > 0, f"{path} holds no triangles (a point cloud or an empty file); export it as a surface")
-    try:
-        return Mesh.merge([Mesh.create(part.vertices, part.faces, _albedo(part), dtype) for part in parts])
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-
-
-def _albedo(part: Any) -> np.ndarray | None:
-    """Linear face colours of one part of a file, or None where the file has none."""
-    visual = part.visual
-    if visual is None or not getattr(visual, "defined", False):
-        return None
-    srgb = _texture_colors(part, visual) if visual.kind == "texture" else np.asarray(visual.face_colors)[:, :3] / 255.0
-    return None if srgb is None else np.broadcast_to(srgb**2.2, (len(part.faces), 3))
-
-
-def _texture_colors(part: Any, visual: Any) -> np.ndarray | None:
-    """sRGB colour of each face: the texture at its middle if there is one, else the material's main colour."""
-    material, uv = visual.material, visual.uv
-    image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-    if image is not None and uv is not None and len(uv) == len(part.vertices):
-        centres = np.asarray(uv)[part.faces].mean(axis=1)
-        return uv_to_color(centres, image)[:, :3] / 255.0
-    main = getattr(material, "main_color", None)
-    return None if main is None else np.asarray(main)[:3] / 255.0
+    def to_local(self, points: ArrayLike) -> ArrayLike:
+        """World positions (..., 3) about this mesh's origin, subtracted in float64."""
+        return to_local(points, self.origin)
 
 
 def zero_area_faces(mesh: Mesh) -> int:

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from shadowjax._checks import require, require_choice
-from shadowjax._types import cast
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, Light, PointLight, SpotLight
 from shadowjax.geometry.mesh import Mesh
@@ -31,7 +30,8 @@ def upright(mesh: Mesh, up: str) -> Mesh:
     if up == "y":
         return mesh
     x, y, z = mesh.vertices.T
-    return eqx.tree_at(lambda m: m.vertices, mesh, jnp.stack([x, z, -y], axis=-1))
+    east, north, height = mesh.origin
+    return Mesh(jnp.stack([x, z, -y], axis=-1), mesh.faces, mesh.face_colors, (east, height, -north))
 
 
 def shadow_points(points: np.ndarray, direction: np.ndarray, height: float) -> np.ndarray:
@@ -101,7 +101,7 @@ def _ground(points: np.ndarray, height: float, size: float, like: Mesh) -> Mesh:
     low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
     low[1], high[1] = height - 0.02 * size, height
     slab = to_mesh([box(low.tolist(), high.tolist()).painted(palette.SAND)])
-    return cast(slab, like.vertices.dtype)
+    return Mesh.create(slab.vertices, slab.faces, slab.face_colors, like.vertices.dtype, like.origin)
 
 
 def frame(points: np.ndarray, everything: np.ndarray, dtype: object = None) -> Camera:
@@ -155,7 +155,8 @@ def relit(
         scene: Any scene.
         kind: "directional", "spot" or "point".
         direction: The way the light travels, towards the middle of the scene; that of the first light if None.
-        position: Where a spot or point light stands; against the direction, outside the scene, if None.
+        position: Where a spot or point light stands in the world; against the direction, outside the scene, if None.
+            The origin of the scene's mesh is subtracted before the position is rounded to the mesh's dtype.
 
     Raises:
         ValueError: If the kind is unknown, the direction is zero, or a directional light is given a position.
@@ -166,12 +167,13 @@ def relit(
         "a directional light has no position; choose light spot or point, or give a direction",
     )
     dtype = scene.mesh.vertices.dtype
+    place = None if position is None else np.asarray(scene.mesh.to_local(np.asarray(position, float)))
     lower, upper = (np.asarray(corner, float) for corner in scene.mesh.bounds())
     centre, radius = 0.5 * (lower + upper), 0.5 * float(np.linalg.norm(upper - lower))
     if direction is not None:
         travel = np.asarray(direction, float)
-    elif position is not None:
-        travel = centre - np.asarray(position, float)
+    elif place is not None:
+        travel = centre - place
     else:
         travel = -np.asarray(scene.lights[0].to_light(scene.mesh.vertices.mean(axis=0))[0], float)
     checked = DirectionalLight.create(travel, SUNLIGHT, dtype)
@@ -180,7 +182,7 @@ def relit(
     else:
         axis = np.asarray(checked.direction, float)
         distance = (3.0 if kind == "spot" else 1.3) * radius
-        place = centre - distance * axis if position is None else np.asarray(position, float)
+        place = centre - distance * axis if place is None else place
         reach = max(float(np.linalg.norm(centre - place)), 1e-6 * radius)
         # As bright at the middle of the scene as the sun would be.
         color = np.asarray(SUNLIGHT) * reach**2
@@ -207,8 +209,9 @@ def viewed(
     Args:
         scene: Any scene.
         aspect: Width over height of the picture; a narrower picture keeps the width of the view.
-        position: Where the camera stands; as it is if None.
-        target: What it looks at; as it is if None, or the middle of the scene if only the position is given.
+        position: Where the camera stands in the world; as it is if None. The origin of the scene's mesh is subtracted
+            before the position is rounded to the mesh's dtype.
+        target: What it looks at, likewise; as it is if None, or the middle of the scene if only the position is given.
         phi_y: Half the vertical angle of view, radians, in (0, π/2); as it is if None.
         near: Near distance, world units; close before the scene if None and the camera moves.
         far: Far distance, world units; close behind the scene if None and the camera moves.
@@ -218,12 +221,12 @@ def viewed(
     """
     camera, vertices = scene.camera, np.asarray(scene.mesh.vertices, float)
     moved = position is not None or target is not None
-    place = np.asarray(camera.position if position is None else position, float)
+    place = np.asarray(camera.position if position is None else scene.mesh.to_local(np.asarray(position)), float)
     if target is None:
         middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
         aim = middle if position is not None else place + np.asarray(camera.forward, float)
     else:
-        aim = np.asarray(target, float)
+        aim = np.asarray(scene.mesh.to_local(np.asarray(target)), float)
     if phi_y is None:
         widened = math.tan(float(camera.phi_y)) * max(float(camera.aspect) / aspect, 1.0)
         phi_y = math.atan(widened)

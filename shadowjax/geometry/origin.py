@@ -1,0 +1,47 @@
+"""Where the zero of local positions lies in the world, in 64 bits, and world positions brought there."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from shadowjax._checks import concrete, require
+from shadowjax._types import ArrayLike
+
+Origin = tuple[float, float, float]
+ZERO: Origin = (0.0, 0.0, 0.0)
+
+
+def as_origin(value: Any) -> Origin:
+    """Three Python floats, which have 64 bits whatever JAX's settings are.
+
+    Raises:
+        ValueError: If the value is not three finite numbers.
+    """
+    numbers = np.asarray(value, np.float64)
+    require(numbers.shape == (3,), f"origin must have shape (3,); got {numbers.shape}")
+    require(bool(np.isfinite(numbers).all()), f"origin must be finite; got {numbers}")
+    x, y, z = numbers.tolist()
+    return x, y, z
+
+
+def to_local(points: ArrayLike, origin: Any) -> ArrayLike:
+    """World positions about an origin: subtracted in float64, before they become smaller floats.
+
+    Args:
+        points: (..., 3) world units. An array of JAX keeps its dtype, and has lost already what that cannot hold.
+        origin: Three numbers, as `Mesh.origin`.
+
+    Returns:
+        The points themselves where the origin is zero.
+    """
+    origin = as_origin(origin)
+    if not any(origin):
+        return points
+    known = concrete(points)
+    if known is None:
+        traced = jnp.asarray(points)
+        return traced - jnp.asarray(origin, traced.dtype)
+    shifted = known.astype(np.float64) - np.asarray(origin)
+    return jnp.asarray(shifted, points.dtype) if isinstance(points, jax.Array) else shifted
