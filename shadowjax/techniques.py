@@ -183,12 +183,10 @@ class MappedShadows(Shadows):
 
     def visibility(self, points: Points, normals: Points) -> Float[Array, "*points"]:
         """Read the map of each point's region, or the maps that share it."""
-        if len(self.maps) == 1:
-            result = self.read(0, points, normals)
-        else:
-            result = jnp.zeros(points.shape[:-1], points.dtype)
-            for index, share in enumerate(self.partition.shares(self.grids, self.camera, points)):
-                result = result + share * self.read(index, points, normals)
+        shares = self.partition.shares(self.grids, self.camera, points)
+        result = jnp.maximum(1 - sum(shares), 0)  # lit where no map answers
+        for index, share in enumerate(shares):
+            result = result + share * self.read(index, points, normals)
         facing = dot(normals, self.maps[0].grid.space.to_source(points)) > 0
         return jnp.where(facing, result, jnp.zeros_like(result))
 

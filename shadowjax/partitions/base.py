@@ -38,9 +38,9 @@ class Partition(eqx.Module):
         """Which region answers for each point."""
 
     def shares(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> tuple[Float[Array, "*points"], ...]:
-        """How much each region's answer counts at each point: shares that sum to 1.
+        """How much each region's answer counts at each point: shares that sum to 1, or to less where shadows end.
 
-        One region alone unless the partition blends across its seams.
+        One region alone unless the partition blends across its seams. What is left of 1 counts as lit.
         """
         region = self.select(grids, camera, points)
         return tuple((region == index).astype(points.dtype) for index in range(len(grids)))

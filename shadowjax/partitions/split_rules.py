@@ -70,6 +70,46 @@ def practical_splits(near: ArrayLike, far: ArrayLike, num_partitions: int, weigh
     return uniform + weight * (logarithmic - uniform)
 
 
+def given_splits(near: ArrayLike, far: ArrayLike, shares: ArrayLike) -> Splits:
+    """Cuts at given shares of the range: n + s·(f − n), as engines state them.
+
+    Args:
+        near: Depth n, world units, > 0.
+        far: Depth f, world units, > near.
+        shares: k − 1 rising shares in (0, 1).
+
+    Raises:
+        ValueError: If a number is out of range, or shares do not rise.
+    """
+    given = as_float_array(shares)
+    near, far, step = _range(near, far, given.shape[-1] + 1)
+    steps = jnp.concatenate([step[:1], given.astype(step.dtype), step[-1:]])
+    given = require_value(steps, jnp.all(jnp.diff(steps) > 0), "shares must rise between 0 and 1")
+    return _ends(near + (far - near) * given, near, far)
+
+
+def splits_after(near: ArrayLike, first: ArrayLike, far: ArrayLike, num_partitions: int) -> Splits:
+    """A first cut at a given depth and equal ratios beyond it; equal ratios throughout if it lies outside the range.
+
+    Args:
+        near: Depth n, world units, > 0.
+        first: Depth of the first cut, world units.
+        far: Depth f, world units, > near.
+        num_partitions: k ≥ 1.
+
+    Raises:
+        ValueError: If a number is out of range.
+    """
+    equal = logarithmic_splits(near, far, num_partitions)
+    if num_partitions == 1:
+        return equal
+    first = as_float_array(first, equal.dtype)
+    inside = (first > equal[..., 0]) & (first < equal[..., -1])
+    start = jnp.where(inside, first, equal[..., 1])
+    rest = logarithmic_splits(start, equal[..., -1], num_partitions - 1)
+    return jnp.where(inside[..., None], jnp.concatenate([equal[..., :1], rest], axis=-1), equal)
+
+
 def iterate_adaptive(
     near: Float[Array, "..."], far: Float[Array, "..."], weight: Float[Array, "..."], ratios: Float[Array, "... cuts"],
     least_share: float = 0.0,
@@ -130,5 +170,6 @@ def adaptive_splits(
 
 
 __all__ = [
-    "Splits", "adaptive_splits", "iterate_adaptive", "logarithmic_splits", "practical_splits", "uniform_splits",
+    "Splits", "adaptive_splits", "given_splits", "iterate_adaptive", "logarithmic_splits", "practical_splits",
+    "splits_after", "uniform_splits",
 ]  # fmt: skip

@@ -35,6 +35,13 @@ class Warp(PlaneMap):
 class WarpFit(eqx.Module):
     """A rule that places a warp: the part of a technique that is chosen before scene and light are known."""
 
+    def for_slices(self) -> "WarpFit":
+        """The fit that a partition uses for each slice of the view: itself, if it follows the camera's planes.
+
+        A fit whose map does not depend on them would give every slice the same map, and names another one here.
+        """
+        return self
+
     @abstractmethod
     def fit(self, space: LightSpace, light: Light, mesh: Mesh, camera: Camera) -> PlaneMap:
         """The warp for these rays, this scene and this view."""

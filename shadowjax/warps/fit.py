@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from shadowjax._checks import require_choice
-from shadowjax._numerics import dot, norm, normalize, safe_divide
+from shadowjax._numerics import dot, norm, normalize, rotate, safe_divide
 from shadowjax._types import Array, Float, Scalar, Vector3
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
@@ -18,6 +18,7 @@ from shadowjax.warps.base import WarpFit
 from shadowjax.warps.light_frustum import LightFrustum
 from shadowjax.warps.logarithmic import LogarithmicWarp, log_distance
 from shadowjax.warps.perspective import PerspectiveWarp
+from shadowjax.warps.receivers import receiver_outline
 from shadowjax.warps.strength import least_worst_strength
 from shadowjax.warps.trapezoidal import trapezoidal
 
@@ -89,8 +90,8 @@ class PerspectiveFit(WarpFit):
     receivers, however far outside the frustum they are, so no caster is clipped.
 
     A spot light has no closed form: any rule but "uniform" then means the strength of least worst error on the view
-    axis, weighed with the true distances from light and camera. The map is uniform if a corner of the frustum lies
-    behind the light.
+    axis and at the corners of what is seen, weighed with the true distances from light and camera. Its map covers what
+    of the view the cone reaches (`receiver_outline`), and is uniform where it reaches nothing.
 
     Attributes:
         rule: Key of `NEAR_DISTANCES`.
@@ -114,7 +115,8 @@ class PerspectiveFit(WarpFit):
             points = padded(space.project(corners(camera, near, far))[0])
             frustum = light_frustum(camera, -space.frame[1], near, far)
             return PerspectiveWarp.fit(points, 1 / NEAR_DISTANCES[self.rule](frustum), view_axis(space, camera))
-        points, axis, strength = spot_strength(space, camera, near, far)
+        part = eqx.tree_at(lambda c: (c.near, c.far), camera, (near, far))
+        points, axis, strength = spot_strength(space, light, mesh, part)
         if self.rule == "uniform":
             strength = jnp.zeros_like(strength)
         return PerspectiveWarp.fit(padded(points), strength, axis)
@@ -152,9 +154,15 @@ def view_axis(space: DirectionalSpace, camera: Camera) -> Float[Array, "2"]:
 
 
 def spot_strength(
-    space: LightSpace, camera: Camera, near: Scalar, far: Scalar
-) -> tuple[Float[Array, "8 2"], Float[Array, "2"], Scalar]:
-    """Plane corners of the frustum, the direction in which the view recedes there, and the best strength on its axis.
+    space: LightSpace, light: Light, mesh: Mesh, camera: Camera
+) -> tuple[Float[Array, "corners 2"], Float[Array, "2"], Scalar]:
+    """Outline of a view's receivers, the direction in which the view recedes there, and the best strength on its axis.
+
+    Args:
+        space: The light's rays.
+        light: The light.
+        mesh: Everything that casts or receives.
+        camera: The view; its planes bound the depths that are weighed.
 
     Raises:
         ValueError: If the space is not that of a spot light.
@@ -163,26 +171,28 @@ def spot_strength(
         raise ValueError(
             f"perspective warps need a directional or a spot light; got {type(space).__name__}: use UniformFit"
         )
-    bodies = corners(camera, near, far)
-    reached = jnp.all(in_front(space, bodies))
-    points, _ = space.project(bodies)
+    seen = receiver_outline(space, light, mesh, camera)
+    points = seen.plane
+    near, far = camera.near, camera.far
     depths = near * (far / near) ** jnp.linspace(0, 1, SAMPLES, dtype=near.dtype)
     samples = camera.position + depths[:, None] * camera.forward
-    along, _ = space.project(samples)
-    direction = along[-1] - along[0]
-    # A view axis through the light is one place on the plane, to the rounding of places there.
-    rounding = PARALLEL_ROUNDINGS * jnp.finfo(direction.dtype).eps * (1 + jnp.max(jnp.abs(along)))
-    reached = reached & (norm(direction) > rounding)
-    axis = jnp.where(reached, normalize(direction), jnp.asarray([0.0, 1.0], direction.dtype))
-    # where a corner lies behind the light, the whole of a right-angled cone stands in, unwarped
-    signs = jnp.asarray([[-1, -1], [1, -1], [1, 1], [-1, 1]] * 2, points.dtype)
-    points = jnp.where(reached, points, signs)
+    # on the line (x, y, z) + λ(x', y', z'), d(x/z)/dλ is (x'z − xz')/z², whose numerator is the same all along it
+    place, ahead = rotate(camera.position - space.position, space.frame), rotate(camera.forward, space.frame)
+    direction = ahead[:2] * place[2] - place[:2] * ahead[2]
+    # A view axis through the light is one place on the plane, to the rounding of where the camera is.
+    recedes = norm(direction) > PARALLEL_ROUNDINGS * jnp.finfo(direction.dtype).eps * norm(place)
+    axis = jnp.where(recedes, normalize(direction), jnp.asarray([0.0, 1.0], direction.dtype))
     lowest = jnp.min(points @ axis)
     extent = jnp.max(points @ axis) - lowest
+    # corners count too: where the axis leaves the cone, they alone say how far the receivers reach
+    samples = jnp.concatenate([samples, seen.corners])
+    offset = space.project(samples)[0] @ axis - lowest
+    weighed = in_front(space, samples) & (offset >= 0) & (offset <= extent) & recedes & seen.some
     distance = (samples - space.position) @ space.frame[2]
-    weight = safe_divide(jnp.abs(distance), depths)
-    strength = least_worst_strength(along @ axis - lowest, weight, extent)
-    return points, axis, jnp.where(reached, strength, jnp.zeros_like(strength))
+    weight = jnp.where(weighed, safe_divide(jnp.abs(distance), (samples - camera.position) @ camera.forward), 0)
+    # what has no weight lies at the far end, where without any other point nothing asks for a warp
+    strength = least_worst_strength(jnp.where(weighed, offset, extent), weight, extent)
+    return points, axis, strength
 
 
 __all__ = [

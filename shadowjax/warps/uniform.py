@@ -1,7 +1,9 @@
 """The uniform map: texels of one size over the plane of the light (standard shadow maps)."""
 
+import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checks import require_choice
 from shadowjax._types import Array, Float
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light, SpotLight
@@ -9,8 +11,10 @@ from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.light_space import LightSpace, OctahedralSpace
 from shadowjax.rays.plane_map import Box
 from shadowjax.warps.base import Warp, WarpFit, bounding_box
+from shadowjax.warps.receivers import receiver_outline
 
 PlanePoints = Float[Array, "*points 2"]
+COVERS = ("scene", "view")
 
 
 class UniformWarp(Warp):
@@ -30,20 +34,45 @@ class UniformWarp(Warp):
         """Plane positions of (s, t)."""
         return self.box.inverse(square)
 
+    def enlarged(self, factor: float) -> "UniformWarp":
+        """The rectangle `factor` times as wide and as high about its middle."""
+        middle, half = (self.box.lower + self.box.upper) / 2, (self.box.upper - self.box.lower) / 2
+        return UniformWarp(Box(middle - factor * half, middle + factor * half))
+
 
 class UniformFit(WarpFit):
-    """Covers all that can cast or receive a shadow.
+    """A rectangle of texels of one size around all that can cast or receive a shadow, or around what a view needs.
 
-    A directional light gets the bounding rectangle of the scene, a spot light its cone, a point light every direction.
+    Over the scene, a directional light gets the bounding rectangle of the mesh, a spot light its cone, a point light
+    every direction. Over the view, a directional or a spot light gets the bounding rectangle of the frustum cut to the
+    box around the mesh and to the light's cone; casters outside the view are on the rays of their receivers, so none
+    is lost. Slices of a view (`ZSplit`) are always covered so, each for itself.
+
+    Attributes:
+        cover: "scene" or "view".
     """
 
+    cover: str = eqx.field(static=True, default="scene")
+
+    def __check_init__(self) -> None:
+        require_choice(self.cover, "what a uniform map covers", COVERS)
+
+    def for_slices(self) -> "UniformFit":
+        """The fit that covers the view."""
+        return UniformFit("view")
+
     def fit(self, space: LightSpace, light: Light, mesh: Mesh, camera: Camera) -> UniformWarp:
-        """The smallest axis-aligned rectangle of the light's plane around what the light can see."""
+        """The smallest rectangle along the axes of the light's plane around what it has to cover."""
         if isinstance(space, OctahedralSpace):
             one = jnp.ones(2, mesh.vertices.dtype)
             return UniformWarp(Box(-one, one))
+        if self.cover == "view":
+            return UniformWarp(Box(*bounding_box(receiver_outline(space, light, mesh, camera).plane)))
         if isinstance(light, SpotLight):
             reach = jnp.broadcast_to(jnp.tan(light.half_angle), (2,))
             return UniformWarp(Box(-reach, reach))
         plane, _ = space.project(mesh.vertices)
         return UniformWarp(Box(*bounding_box(plane)))
+
+
+__all__ = ["COVERS", "UniformFit", "UniformWarp"]

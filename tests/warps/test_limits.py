@@ -19,6 +19,7 @@ from shadowjax.warps.light_frustum import LightFrustum
 from shadowjax.warps.logarithmic import LogarithmicWarp
 from shadowjax.warps.minimax import minimax
 from shadowjax.warps.perspective import PerspectiveWarp
+from shadowjax.warps.receivers import receiver_outline
 
 NEAR, FAR, PHI = 1.0, 50.0, 0.5
 
@@ -84,15 +85,24 @@ def test_casters_behind_the_near_plane_still_cast(partition):
     assert float(jnp.mean(jnp.abs(value - exact), where=keep)) < 0.02
 
 
-def test_a_camera_in_the_light_s_plane_is_an_error_or_the_uniform_map():
-    """A spot light that looks away from the frustum has no plane to warp: uniform. A flat frustum covers no area."""
+def test_a_spot_light_that_sees_part_of_the_view_gets_that_part_and_a_flat_frustum_is_an_error():
+    """The camera lies behind the light: the map covers what the cone reaches. A light turned away: the even cone."""
     mesh = plate_over_plane()
     camera = Camera.look_at((0.0, 0.7, 0.9), (0.0, 0.1, 3.5), phi_y=0.5, near=0.3, far=6.0)
-    beside = SpotLight.create((0.0, 0.8, 2.0), (0.0, -0.1, 1.0), 0.6)  # the camera lies behind it
-    space = light_space(beside, camera.forward, *mesh.bounds())
-    warp = PerspectiveFit().fit(space, beside, mesh, camera)
-    assert float(warp.strength) == 0
-    assert all(np.isfinite(x).all() for x in jax.tree.leaves(warp))
+    for direction, some in (((0.0, -0.1, 1.0), True), ((0.0, 1.0, -0.2), False)):
+        beside = SpotLight.create((0.0, 1.2, 2.0), direction, 0.6)
+        space = light_space(beside, camera.forward, *mesh.bounds())
+        warp = PerspectiveFit().fit(space, beside, mesh, camera)
+        assert all(np.isfinite(x).all() for x in jax.tree.leaves(warp))
+        seen = receiver_outline(space, beside, mesh, camera)
+        assert bool(seen.some) == some
+        square = warp.forward(seen.plane)
+        assert square.min() >= 0
+        assert square.max() <= 1
+        if not some:
+            assert float(warp.strength) == 0
+            # the square around the cone, whichever way the map lies
+            assert 1 <= float(jnp.max(jnp.abs(warp.inverse(jnp.eye(2))))) / np.tan(0.6) < 2**0.5 * 1.01
     flat = jnp.asarray([[0.0, 0.0], [0.5, 1.0], [1.0, 2.0]])
     with pytest.raises(ValueError, match="is the camera in the light's plane"):
         PerspectiveWarp.fit(flat, 0.1, (1.0, 2.0))
