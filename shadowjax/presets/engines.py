@@ -1,6 +1,7 @@
 """The presets: Filament, Godot 4, three.js, bgfx, DiligentFX, MJP's sample and bevy, as their code states them."""
 
 from collections.abc import Callable
+from typing import Any
 
 from shadowjax.filters.base import Filter
 from shadowjax.filters.bias import Bias, BiasRule
@@ -11,18 +12,20 @@ from shadowjax.filters.moment import Moments
 from shadowjax.filters.pcf import BilinearPercentageCloser, PercentageCloser
 from shadowjax.filters.variance import Variance
 from shadowjax.partitions.base import Partition
+from shadowjax.partitions.by_light import ByLight
 from shadowjax.partitions.whole import Whole
 from shadowjax.partitions.z_split import ZSplit
 from shadowjax.presets.base import Parameter, Preset
 from shadowjax.rays.caster import Caster
 from shadowjax.techniques import ShadowMapping, Technique
 from shadowjax.warps.fit import PerspectiveFit
+from shadowjax.warps.stable import StableFit
 from shadowjax.warps.uniform import UniformFit
 
-NO_LOOKUP_BLEND = "blending between cascades"
-FIXED_SPLITS = "fixed shares of a shadow distance: built with depth splits of the nearest rule"
 SNAPPING = "maps that snap to texels as the camera moves"
 HALF_PRECISION = "16-bit storage: maps here have the scene's own dtype"
+SNAPPED = "StableFit: a square around each slice's sphere that moves by whole texels"
+DISTANCE = "distance of ZSplit, in the scene's own units: scale it with the scene"
 
 
 def _maker(
@@ -36,11 +39,15 @@ def _maker(
     return make
 
 
-def _cascades(count: int, weight: float | None = None) -> ZSplit:
-    """Slices under even maps: practical with weight λ, or logarithmic."""
-    if weight is None:
-        return ZSplit(count, "logarithmic", warp=UniformFit())
-    return ZSplit(count, "practical", weight, warp=UniformFit())
+def _stable(count: int, rule: str, choose: str = "depth", **options: Any) -> ByLight:
+    """Slices of the whole view under maps that snap; a lamp gets one map."""
+    return ByLight(ZSplit(count, rule, warp=StableFit(), tight=False, choose=choose, **options))
+
+
+def _mjp_slices() -> ByLight:
+    """MJP's sample does not stabilise its cascades by default: each is as small as what it must hold."""
+    slices = ZSplit(4, "shares", warp=UniformFit(), tight=False, blend=0.1, shares_of_range=(0.05, 0.15, 0.5))
+    return ByLight(slices)
 
 
 _CONSTANT, _NORMAL = "constant bias", "normal bias"
@@ -86,13 +93,18 @@ ALL: tuple[Preset, ...] = (
             Parameter(_CONSTANT, 0.1, "", verified=False, here="left out: its unit is not certain"),
             Parameter(_NORMAL, 2.0, "texels along the normal", here="NormalOffset"),
             Parameter("cascades", 4, "", here="four slices"),
-            Parameter("splits", (0.1, 0.2, 0.5), "of the range", here="practical splits with λ = 0.5"),
-            Parameter("shadow distance", 100.0, "world units", here="not used: depths are cut to what is seen"),
-            Parameter("fade start", 0.8, "of the range", here="no counterpart"),
+            Parameter("splits", (0.1, 0.2, 0.5), "of the range", here="the rule shares, from the near plane on"),
+            Parameter("shadow distance", 100.0, "world units", here=DISTANCE),
+            Parameter("fade start", 0.8, "of the range", here="shadows fade out linearly from there"),
             Parameter("pancake size", 20.0, "world units", here="not needed: no caster is clipped"),
+            Parameter("texel snapping", "on", "", here=SNAPPED),
         ),
-        (FIXED_SPLITS, "fading out with distance", NO_LOOKUP_BLEND, "rotated sampling discs"),
-        _maker(PercentageCloser(3), lambda: NormalOffset.create(2.0), _cascades(4, 0.5)), 2048,
+        ("rotated sampling discs", "blending between cascades, which is off by default"),
+        _maker(
+            PercentageCloser(3),
+            lambda: NormalOffset.create(2.0),
+            _stable(4, "shares", shares_of_range=(0.1, 0.2, 0.5), distance=100.0, fade=0.2),
+        ), 2048,
     ),
     Preset(
         "three-js", "three.js", "one map of 512², soft PCF, no bias by default",
@@ -122,9 +134,10 @@ ALL: tuple[Preset, ...] = (
             Parameter("split weight", 0.5, "", here="λ; the addon misplaces its first split, this does not"),
             Parameter(_CONSTANT, 1e-6, "NDC", here="BufferBias over a linear buffer up to the farthest depth"),
             Parameter("light margin", 200.0, "world units", here="not needed: no caster is clipped"),
+            Parameter("texel snapping", "on", "", here=SNAPPED),
         ),
-        ("fading between slices",),
-        _maker(PercentageCloser(3), lambda: BufferBias.create(1e-6), _cascades(3, 0.5)), 1024,
+        ("fading between slices, which is off by default",),
+        _maker(PercentageCloser(3), lambda: BufferBias.create(1e-6), _stable(3, "practical", weight=0.5)), 1024,
     ),
     Preset(
         "bgfx-pcf", "bgfx example 16", "four cascades with practical splits, PCF",
@@ -134,12 +147,13 @@ ALL: tuple[Preset, ...] = (
             Parameter("split weight", 0.6, "", here="λ"),
             Parameter(_CONSTANT, (0.001, 0.055), "NDC", here="the least of its table, 0.001"),
             Parameter(_NORMAL, 0.001, "world units", here="NormalOffset"),
+            Parameter("texel snapping", "on", "", here=SNAPPED),
         ),
         ("a table of biases tuned by hand for lights, encodings and filters, from 0.001 to 0.055",),
         _maker(
             PercentageCloser(4),
             lambda: BiasSum((BufferBias.create(0.001), NormalOffset.create(0.001, "world", by_sine=False))),
-            _cascades(4, 0.6),
+            _stable(4, "practical", choose="map", weight=0.6),
         ), 2048,
     ),
     Preset(
@@ -168,13 +182,15 @@ ALL: tuple[Preset, ...] = (
             Parameter("split weight", 0.95, "", here="λ"),
             Parameter(_CONSTANT, 1e-5, "NDC", here="BufferBias"),
             Parameter("receiver-plane clamp", 10.0, "", here="ReceiverPlane, whose own limit is 16 texels of depth"),
-            Parameter("blend", 0.1, "of the range", here="no counterpart"),
+            Parameter("search for the best cascade", "on", "", here="the first map that holds a point"),
+            Parameter("texel snapping", "on", "", here=SNAPPED),
+            Parameter("blend", 0.1, "of the range", here="left out: slices that are searched for have no common seam"),
         ),
-        (NO_LOOKUP_BLEND, "a search for the best cascade"),
+        ("blending between cascades that are searched for",),
         _maker(
             PercentageCloser(3),
             lambda: BiasSum((BufferBias.create(1e-5), ReceiverPlane.create())),
-            _cascades(4, 0.95),
+            _stable(4, "practical", choose="map", weight=0.95),
         ),
         1024,
     ),
@@ -186,12 +202,13 @@ ALL: tuple[Preset, ...] = (
             Parameter("variance bias", 1e-4, "", here="no counterpart: least variance is 10⁻⁶ of the range²"),
             Parameter("light bleed reduction", 0.0, ""),
             Parameter("split weight", 0.95, "", here="λ"),
+            Parameter("texel snapping", "on", "", here=SNAPPED),
         ),
-        (NO_LOOKUP_BLEND, "a least variance that grows with the warp's slope"),
+        ("blending between cascades that are searched for", "a least variance that grows with the warp's slope"),
         _maker(
             ExponentialVariance(positive=40.0, negative=5.0),
             lambda: Bias.create(1.0, "slope"),
-            _cascades(4, 0.95),
+            _stable(4, "practical", choose="map", weight=0.95),
         ), 1024,
     ),
     Preset(
@@ -199,18 +216,19 @@ ALL: tuple[Preset, ...] = (
         (
             Parameter("map size", 2048, "texels"),
             Parameter("cascades", 4, ""),
-            Parameter("splits", (0.05, 0.15, 0.5, 1.0), "of the range", here="logarithmic, its λ = 1 setting"),
+            Parameter("splits", (0.05, 0.15, 0.5, 1.0), "of the range", here="the rule shares, from the near plane on"),
+            Parameter("stabilised cascades", "off", "", here="UniformFit: each map as small as what it must hold"),
             Parameter(_CONSTANT, 0.005, "NDC", here="BufferBias"),
             Parameter(_NORMAL, 0.0, "texels along the normal"),
             Parameter("receiver-plane bias", "on", "", here="ReceiverPlane"),
             Parameter("kernel", 7, "texels", verified=False, here="sizes from 2 to 9 can be chosen there"),
-            Parameter("blend", 0.1, "of the range", here="no counterpart"),
+            Parameter("blend", 0.1, "of the range", here="over 0.1 of a slice's range of ln z"),
         ),
-        (FIXED_SPLITS, NO_LOOKUP_BLEND, SNAPPING),
+        (),
         _maker(
             PercentageCloser(7),
             lambda: BiasSum((BufferBias.create(0.005), ReceiverPlane.create())),
-            _cascades(4),
+            _mjp_slices(),
         ), 2048,
     ),
     Preset(
@@ -221,8 +239,9 @@ ALL: tuple[Preset, ...] = (
             Parameter("variance bias", 1e-4, "", here="no counterpart: least variance is 10⁻⁶ of the range²"),
             Parameter("light bleed reduction", 0.0, ""),
         ),
-        (NO_LOOKUP_BLEND, SNAPPING),
-        _maker(ExponentialVariance(positive=40.0, negative=5.0), lambda: Bias.create(1.0, "slope"), _cascades(4)), 2048,
+        (),
+        _maker(ExponentialVariance(positive=40.0, negative=5.0), lambda: Bias.create(1.0, "slope"), _mjp_slices()),
+        2048,
     ),
     Preset(
         "mjp-msm-hamburger", "MJP's shadow sample", "four moments of depth, Hamburger's bound",
@@ -231,7 +250,7 @@ ALL: tuple[Preset, ...] = (
             Parameter("depth bias", 0.0, "", here="slope bias of one texel: zero shows acne here"),
         ),
         ("16-bit storage with a matrix that spreads the moments",),
-        _maker(Moments(problem="hamburger", moment_bias=3e-6), lambda: Bias.create(1.0, "slope"), _cascades(4)), 2048,
+        _maker(Moments(problem="hamburger", moment_bias=3e-6), lambda: Bias.create(1.0, "slope"), _mjp_slices()), 2048,
     ),
     Preset(
         "mjp-msm-hausdorff", "MJP's shadow sample", "four moments of depth, Hausdorff's bound",
@@ -240,7 +259,7 @@ ALL: tuple[Preset, ...] = (
             Parameter("depth bias", 0.0, "", here="slope bias of one texel: zero shows acne here"),
         ),
         ("16-bit storage with a matrix that spreads the moments",),
-        _maker(Moments(problem="hausdorff", moment_bias=3e-6), lambda: Bias.create(1.0, "slope"), _cascades(4)), 2048,
+        _maker(Moments(problem="hausdorff", moment_bias=3e-6), lambda: Bias.create(1.0, "slope"), _mjp_slices()), 2048,
     ),
     Preset(
         "bevy", "bevy", "four cascades, constant bias in metres, normal bias of 1.8 texels",
@@ -249,15 +268,16 @@ ALL: tuple[Preset, ...] = (
             Parameter(_CONSTANT, 0.02, "world units", here="Bias"),
             Parameter(_NORMAL, 1.8, "texels along the normal", here="NormalOffset"),
             Parameter("cascades", 4, ""),
-            Parameter("first cascade far", 10.0, "world units", here="logarithmic splits of what is seen"),
-            Parameter("shadow distance", 150.0, "world units", here="not used: depths are cut to what is seen"),
-            Parameter("overlap", 0.2, "of the range", here="no counterpart"),
+            Parameter("first cascade far", 10.0, "world units", here="the rule first, equal ratios beyond it"),
+            Parameter("shadow distance", 150.0, "world units", here=DISTANCE),
+            Parameter("overlap", 0.2, "of the range", here="blend of 0.25: 0.2 of far planes from slice 1 on"),
+            Parameter("texel snapping", "on", "", verified=False, here=SNAPPED),
         ),
-        (NO_LOOKUP_BLEND, FIXED_SPLITS),
+        (),
         _maker(
             PercentageCloser(3),
             lambda: BiasSum((Bias.create(0.02, "world"), NormalOffset.create(1.8))),
-            _cascades(4),
+            _stable(4, "first", first=10.0, distance=150.0, blend=0.25),
         ),
         2048,
     ),

@@ -1,0 +1,50 @@
+"""One partition for directional lights and another for lights at a place, as engines have them."""
+
+from shadowjax._types import Array, Int, Points
+from shadowjax.geometry.camera import Camera
+from shadowjax.geometry.light import DirectionalLight, Light
+from shadowjax.geometry.mesh import Mesh
+from shadowjax.partitions.base import Partition
+from shadowjax.partitions.whole import Whole
+from shadowjax.rays.ray_grid import RayGrid
+
+
+class ByLight(Partition):
+    """Cascades for the sun, say, and one map for every lamp.
+
+    A technique places it: then it is the partition of the light at hand.
+
+    Attributes:
+        directional: For directional lights.
+        local: For spot and point lights.
+    """
+
+    directional: Partition
+    local: Partition = Whole()
+
+    def reaching(self, texels: float) -> "ByLight":
+        """Both for filters that read so many texels away."""
+        return ByLight(self.directional.reaching(texels), self.local.reaching(texels))
+
+    def of(self, light: Light) -> Partition:
+        """The partition of a light."""
+        return self.directional if isinstance(light, DirectionalLight) else self.local
+
+    def placed(self, mesh: Mesh, light: Light, camera: Camera) -> Partition:
+        """The partition of this light, placed."""
+        return self.of(light).placed(mesh, light, camera)
+
+    def grids(self, mesh: Mesh, light: Light, camera: Camera, resolution: int) -> tuple[RayGrid, ...]:
+        """The grids of the partition of this light."""
+        return self.of(light).grids(mesh, light, camera, resolution)
+
+    def select(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> Int[Array, "*points"]:
+        """Only a placed partition knows its light.
+
+        Raises:
+            ValueError: Always.
+        """
+        raise ValueError("a partition by light must be placed first: partition.placed(mesh, light, camera)")
+
+
+__all__ = ["ByLight"]
