@@ -81,8 +81,8 @@ class Supersampled(Filter):
 class PropagatedNeighbours(DepthPolicy):
     """Four depths a texel from one cast: its own and those that its neighbours to the right and below hand on.
 
-    One pass over the map instead of three more casts; with a composite test it reads the same depths as a 2 × 2 PCF
-    whose kernel is anchored at the texel.
+    One pass over the map instead of three more casts; the composite test at the middle of the four reads the depths of
+    a 2 × 2 PCF.
 
     Source: mdsm, section 3.5, on Brabec and Seidel 2001, second variant.
     """
@@ -100,3 +100,13 @@ class PropagatedNeighbours(DepthPolicy):
     def radius(self) -> float:
         """One texel, to one side."""
         return 1.0
+
+    @property
+    def centroid(self) -> tuple[float, float]:
+        """The corner that the four texels share."""
+        return 0.5, 0.5
+
+    @property
+    def spread(self) -> float:
+        """Half a texel to every side."""
+        return 0.5

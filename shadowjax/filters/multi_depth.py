@@ -2,6 +2,7 @@
 
 import math
 from abc import abstractmethod
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax
@@ -77,10 +78,14 @@ def ring_offsets(num_depths: int, radius: int = 1) -> tuple[tuple[int, int], ...
         num_depths: n ≥ 2, the texel's own depth counted.
         radius: Distance of the ring, texels, ≥ 1; it has 8·radius cells.
 
+    Returns:
+        Offsets whose mean is as near the texel as turning the ring by whole cells brings it. For radius 1 and 2 that is
+        at the texel, but where one cell or all but one are read (n = 2 and n = 8·radius), which no turn can balance.
+
     Raises:
         ValueError: If the ring has fewer cells than samples asked for.
 
-    Source: mdsm, section 4.5.4, figures 4.9 and 4.11.
+    Source: mdsm, section 4.5.4, figures 4.9 and 4.11, which start straight up and leave 6-SMs beside their texel.
     """
     require_int(num_depths, "num_depths", 2)
     require_int(radius, "radius", 1)
@@ -91,7 +96,16 @@ def ring_offsets(num_depths: int, radius: int = 1) -> tuple[tuple[int, int], ...
         f"use num_depths ≤ {num_cells + 1} or radius ≥ {math.ceil(num_samples / 8)}",
     )
     ring = _ring_cells(radius)
-    return tuple(ring[i * num_cells // num_samples] for i in range(num_samples))
+
+    def turned(by: int) -> tuple[tuple[int, int], ...]:
+        return tuple(ring[(by + i * num_cells // num_samples) % num_cells] for i in range(num_samples))
+
+    return min((turned(by) for by in range(num_cells)), key=_imbalance)
+
+
+def _imbalance(offsets: tuple[tuple[int, int], ...]) -> int:
+    """Square of the sum of offsets."""
+    return sum(row for row, _ in offsets) ** 2 + sum(col for _, col in offsets) ** 2
 
 
 def _ring_cells(radius: int) -> list[tuple[int, int]]:
@@ -163,6 +177,26 @@ class DepthPolicy(eqx.Module):
     def radius(self) -> float:
         """How far away, in texels along an axis, the extra depths come from."""
 
+    @property
+    def centroid(self) -> tuple[float, float]:
+        """(row, column) offset from the texel of the middle of what its depths stand for; lookups are moved against it.
+
+        Where it is not 0, shadows would lie beside their place by as much.
+        """
+        return 0.0, 0.0
+
+    @property
+    def spread(self) -> float:
+        """How far from that middle, in texels along an axis, the depths come from."""
+        return self.radius
+
+
+def _beside(offsets: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], float]:
+    """Mean of some offsets and the largest distance from it along an axis."""
+    rows, cols = zip(*offsets, strict=True)
+    middle = sum(rows) / len(rows), sum(cols) / len(cols)
+    return middle, max(max(abs(row - middle[0]), abs(col - middle[1])) for row, col in offsets)
+
 
 class Neighbourhood(DepthPolicy):
     """Keeps the largest, the smallest or both depths of the surrounding texels.
@@ -196,6 +230,17 @@ class Neighbourhood(DepthPolicy):
         """The far side of the neighbourhood."""
         return float(self.size // 2)
 
+    @property
+    def centroid(self) -> tuple[float, float]:
+        """0 for odd sizes; the middle of an even neighbourhood is half a texel off for all depths but the own."""
+        off = 0.0 if self.size % 2 else 0.5 * (self.num_depths - 1) / self.num_depths
+        return off, off
+
+    @property
+    def spread(self) -> float:
+        """The far side of the neighbourhood from that middle."""
+        return self.radius - self.centroid[0]
+
 
 class Ring(DepthPolicy):
     """Keeps n − 1 samples spread evenly round the texel.
@@ -222,6 +267,20 @@ class Ring(DepthPolicy):
         """The ring's; 0 without extra samples."""
         return float(self.ring_radius) if self.num_depths > 1 else 0.0
 
+    @property
+    def _offsets(self) -> tuple[tuple[int, int], ...]:
+        return ((0, 0), *(ring_offsets(self.num_depths, self.ring_radius) if self.num_depths > 1 else ()))
+
+    @property
+    def centroid(self) -> tuple[float, float]:
+        """0 but for one extra sample, and for all cells of the ring but one (8-SM with radius 1: an eighth)."""
+        return _beside(self._offsets)[0]
+
+    @property
+    def spread(self) -> float:
+        """The farthest sample from that middle."""
+        return _beside(self._offsets)[1]
+
 
 class FixedNeighbour(DepthPolicy):
     """Keeps the neighbour at one offset: a policy that fails, kept to show how.
@@ -245,6 +304,16 @@ class FixedNeighbour(DepthPolicy):
     def radius(self) -> float:
         """The offset's larger component."""
         return float(max(map(abs, self.offset)))
+
+    @property
+    def centroid(self) -> tuple[float, float]:
+        """Half way to the neighbour."""
+        return self.offset[0] / 2, self.offset[1] / 2
+
+    @property
+    def spread(self) -> float:
+        """Half the way."""
+        return self.radius / 2
 
 
 class StochasticNeighbour(DepthPolicy):
@@ -275,9 +344,17 @@ class StochasticNeighbour(DepthPolicy):
         """The far side of the neighbourhood."""
         return float(self.size // 2)
 
+    @property
+    def centroid(self) -> tuple[float, float]:
+        """0 for odd sizes; for even ones the mean over all draws."""
+        off = 0.0 if self.size % 2 else 0.25 * self.size**2 / (self.size**2 - 1)
+        return off, off
+
 
 class MultiDepth(Filter):
     """PCF(k, n) over a multi-depth map: composite tests, averaged over a K × K kernel.
+
+    Lookups are moved against the policy's centroid, so that no choice of extra depths moves shadows sideways.
 
     Attributes:
         policy: How the extra depths of a texel are chosen.
@@ -296,7 +373,8 @@ class MultiDepth(Filter):
 
     def visibility(self, planes: Planes, lookup: Lookup) -> Float[Array, "*points"]:
         """PCF(k, n)."""
-        return percentage_closer(planes, lookup, self.kernel_size)
+        row, col = self.policy.centroid
+        return percentage_closer(planes, lookup, self.kernel_size, shift=(-col, -row))
 
     @property
     def num_planes(self) -> int:
@@ -316,4 +394,4 @@ class MultiDepth(Filter):
     @property
     def reach(self) -> float:
         """The kernel's reach and the neighbourhood's beyond it."""
-        return self.kernel_size / 2 + self.policy.radius
+        return self.kernel_size / 2 + self.policy.spread

@@ -46,7 +46,10 @@ class OffsetPercentageCloser(Filter):
         offsets = self.offsets.astype(planes.dtype)
 
         def tap(total: Array, offset: Array) -> tuple[Array, None]:
-            moved = eqx.tree_at(lambda one: one.position, lookup, lookup.position + offset)
+            depth = lookup.depth
+            if lookup.gradient is not None:  # the receiver's plane where the tap is
+                depth = depth + lookup.gradient[..., 0] * offset[0] + lookup.gradient[..., 1] * offset[1]
+            moved = eqx.tree_at(lambda one: (one.position, one.depth), lookup, (lookup.position + offset, depth))
             return total + bilinear_percentage_closer(planes, moved, 1), None
 
         total, _ = jax.lax.scan(tap, jnp.zeros(lookup.depth.shape, planes.dtype), offsets)

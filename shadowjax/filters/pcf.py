@@ -23,6 +23,7 @@ def percentage_closer(
     lookup: Lookup,
     kernel_size: int,
     spacing: Float[Array, "*#points"] | float = 1.0,
+    shift: tuple[float, float] = (0.0, 0.0),
 ) -> Float[Array, "*points"]:
     """PCF(k, n): the mean, over k = K² taps of a map with n depths a texel, of the composite test's visibility.
 
@@ -31,6 +32,7 @@ def percentage_closer(
         lookup: Receivers.
         kernel_size: K, taps along an axis, ≥ 1; odd or even.
         spacing: Distance between taps, texels.
+        shift: (x, y) by which all taps are moved, texels.
 
     Returns:
         Visibility in {0, 1/(nk), …, 1}: nk + 1 tones at most.
@@ -38,7 +40,7 @@ def percentage_closer(
     Source: filtering, eq. 2.1 and Algorithm 1; mdsm, sections 4.4 and 4.6.4.
     """
     num_planes = planes.shape[0]
-    x, y = lookup.position[..., 0], lookup.position[..., 1]
+    x, y = lookup.position[..., 0] + shift[0], lookup.position[..., 1] + shift[1]
     offsets = kernel_offsets(kernel_size)
     cols = [texel_index(x + offset * spacing) for offset in offsets]
     rows = [texel_index(y + offset * spacing) for offset in offsets]

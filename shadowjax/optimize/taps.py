@@ -12,7 +12,7 @@ import optimistix as optx
 from shadowjax._checks import require, require_choice, require_int
 from shadowjax._types import Array, Float
 from shadowjax.filters.chosen_depths import Cells, Ranks, neighbourhood_cells, ranked
-from shadowjax.filters.multi_depth import DepthPolicy, shifted
+from shadowjax.filters.multi_depth import DepthPolicy, ring_offsets, shifted
 from shadowjax.filters.offset_pcf import OffsetPercentageCloser
 from shadowjax.filters.pcf import kernel_offsets, percentage_closer
 from shadowjax.optimize.viewed import Viewed
@@ -146,10 +146,8 @@ def _published(candidates: str, depths: int) -> dict[str, tuple[int, ...]]:
     if candidates == "ranks":
         choices = {2: {"max": (9,), "min": (1,)}, 3: {"min-max": (1, 9)}}
         return choices.get(depths, {"evenly spread": tuple(np.linspace(1, 9, depths - 1).round().astype(int).tolist())})
-    # neighbours in reading order 1 … 8; a ring takes every (8/(n−1))-th of them round the texel, from straight up
-    round_texel = (2, 3, 5, 8, 7, 6, 4, 1)
-    spread = tuple(sorted(round_texel[i * 8 // (depths - 1)] for i in range(depths - 1)))
-    return {"ring": spread}
+    cells = [cell for cell in neighbourhood_cells(3) if cell != (0, 0)]
+    return {"ring": tuple(sorted(1 + cells.index(offset) for offset in ring_offsets(depths)))}
 
 
 @dataclass(frozen=True)

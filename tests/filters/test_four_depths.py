@@ -24,10 +24,12 @@ def test_supersampled_is_the_mean_over_the_block_of_the_finer_map():
 
 
 def test_propagated_is_the_mean_over_the_texel_and_three_neighbours():
-    col, row = np.floor(POSITION).astype(int).T
-    block = np.stack([MAP[np.minimum(row + i, 15), np.minimum(col + j, 11)] for i in (0, 1) for j in (0, 1)])
-    value = answer(MultiDepth(PropagatedNeighbours()), jnp.asarray(MAP), WHERE)
-    np.testing.assert_array_equal(value, np.mean(block >= DEPTH, axis=0))
+    """The four whose common corner is nearest: a 2 × 2 PCF."""
+    col, row = np.floor(POSITION - 0.5).astype(int).T
+    block = np.stack([MAP[np.clip(row + i, 0, 15), np.clip(col + j, 0, 11)] for i in (0, 1) for j in (0, 1)])
+    value = np.asarray(answer(MultiDepth(PropagatedNeighbours()), jnp.asarray(MAP), WHERE))
+    inner = (POSITION > 0.5).all(axis=1)
+    np.testing.assert_array_equal(value[inner], np.mean(block >= DEPTH, axis=0)[inner])
 
 
 def test_minima_of_aligned_blocks_shift_with_the_map():

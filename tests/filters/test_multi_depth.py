@@ -117,7 +117,7 @@ def test_policies_keep_what_they_declare(policy, num_depths, radius):
         9 * num_depths + 1,
         9 * num_depths,
     )
-    assert filter_.reach == 1.5 + radius
+    assert filter_.reach == 1.5 + policy.spread
 
 
 @pytest.mark.parametrize(
