@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,12 +16,15 @@ from shadowjax._types import Float
 from shadowjax.analysis import cost, tones
 from shadowjax.analysis.compare import Comparison, Record, View, look, measure
 from shadowjax.analysis.equations import SOURCES, Result, ledger, verify
+from shadowjax.analysis.shadow_distance import texel_advice
 from shadowjax.filters.base import Filter
 from shadowjax.filters.hard import Hard
 from shadowjax.filters.multi_depth import DepthPolicy, MultiDepth, Neighbourhood
 from shadowjax.filters.pcf import PercentageCloser
 from shadowjax.geometry.scenes import Scene
 from shadowjax.maps.shadow_map import ShadowMap
+from shadowjax.partitions.by_light import ByLight
+from shadowjax.partitions.z_split import ZSplit
 from shadowjax.presets import named_technique
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import default_caster
@@ -224,11 +227,21 @@ def collect(
         costs=costs,
         crossovers=_crossovers(costs, settings.resolution, receivers),
         choices=tuple(choices),
-        advice=advise(choices),
+        advice=_with_texels(advise(choices), scene, zip(settings.techniques, techniques, strict=True)),
         equations=results,
         machine=machine(),
         command=command,
     )
+
+
+def _with_texels(advice: Advice | None, scene: Scene, techniques: Iterable[tuple[str, Technique]]) -> Advice | None:
+    """The advice with a sentence for every technique with slices whose texels are too long for the objects in view."""
+    told = []
+    for name, technique in techniques:
+        if isinstance(technique, ShadowMapping) and isinstance(technique.partition, ZSplit | ByLight):
+            found = texel_advice(technique, scene.mesh, scene.lights[0], scene.camera)
+            told += [] if found is None else [f"{name}: {found}."]
+    return None if advice is None else dataclasses.replace(advice, reasons=(*advice.reasons, *told))
 
 
 def _worth_sweeping(records: Sequence[Record]) -> tuple[str, ...]:
