@@ -11,7 +11,7 @@ import trimesh
 from mesh_bytes import BOX_CORNERS, BOX_FACES, Gltf, box_glb, png
 
 from shadowjax import Mesh, load
-from shadowjax.geometry.mesh_files import READERS
+from shadowjax.geometry.mesh_files import READERS, ear_clipping
 from shadowjax.geometry.mesh_files.ear_clipping import EarClipper
 
 
@@ -118,9 +118,10 @@ def test_a_face_that_crosses_itself_is_said(tmp_path):
         load(written(tmp_path, "bow.obj", mesh_bytes.obj(bow, [[0, 1, 2, 3]])))
 
 
-def test_a_bomb_of_concave_corners_is_refused():
-    angles = np.linspace(0, 2 * np.pi, 10_000, endpoint=False)
-    radius = np.where(np.arange(10_000) % 2, 0.99, 1.0)
+def test_a_bomb_of_concave_corners_is_refused(monkeypatch):
+    monkeypatch.setattr(ear_clipping, "MAX_STEPS", 100_000)
+    angles = np.linspace(0, 2 * np.pi, 1000, endpoint=False)
+    radius = np.where(np.arange(1000) % 2, 0.99, 1.0)
     star = np.stack([radius * np.cos(angles), radius * np.sin(angles), 0 * angles], axis=-1)
     with pytest.raises(ValueError, match="too many corners; triangulate"):
         EarClipper().cut(star[None])

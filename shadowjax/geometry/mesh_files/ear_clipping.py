@@ -5,7 +5,7 @@ import numpy as np
 from shadowjax._checks import require
 
 # Steps of the search for ears, over all polygons of a file: a few seconds. Real polygons need some hundreds each.
-MAX_STEPS = 3_000_000
+MAX_STEPS = 10_000_000
 
 
 class EarClipper:

@@ -16,6 +16,7 @@ _LISTS = (
     "accessors", "buffers", "bufferViews", "images", "materials", "meshes", "nodes", "samplers", "scenes", "skins",
     "textures",
 )  # fmt: skip
+_MAX_OBJECTS = 1_000_000
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
 
@@ -181,7 +182,12 @@ def unpack_tree(data: bytes, place: Place) -> Tree:
     text = data
     if data[:4] == _MAGIC:
         text, binary = _chunks(data)
-    require_text_size(len(text))
+    require_text_size(text, lines=False)
+    # Each is an object of Python, many times as large as its text; addresses that hold data have none.
+    require(
+        text.count(b"{") + text.count(b"[") <= _MAX_OBJECTS and text.count(b",") <= 8 * _MAX_OBJECTS,
+        f"its JSON has more than {_MAX_OBJECTS:,} objects; join parts",
+    )
     try:
         tree = json.loads(text.decode("utf-8-sig"))
     except RecursionError:

@@ -10,7 +10,7 @@ from trimesh.exchange.obj import load_obj, parse_mtl
 from shadowjax._checks import require
 from shadowjax.geometry.mesh_files.colors import Images, Paint, Texture, Unreadable, channels_of_text, from_srgb
 from shadowjax.geometry.mesh_files.ear_clipping import EarClipper
-from shadowjax.geometry.mesh_files.parts import Part, Reading, see_through
+from shadowjax.geometry.mesh_files.parts import MAX_TRIANGLES, Part, Reading, see_through
 from shadowjax.geometry.mesh_files.places import Missing, Place, require_text_size
 
 # A face that trimesh reads right: three corners, each an index from 1 on with those of texture and normal behind it.
@@ -18,6 +18,8 @@ _INDEX = r"[1-9]\d*(?:/\d*){0,2}"
 _PLAIN = re.compile(rf"^f {_INDEX} +{_INDEX} +{_INDEX} *$", re.MULTILINE)
 _FACE = re.compile(r"^f\b", re.MULTILINE)
 _MATERIAL_USE = re.compile(r"^usemtl(?: (.*))?$", re.MULTILINE)
+_MAX_LIBRARY_BYTES = 8 << 20
+_MAX_CORNERS = 100_000
 _MAX_MATERIAL_STEPS = 4_000_000_000  # trimesh walks over all vertices once for each material: some seconds
 
 
@@ -39,7 +41,9 @@ def read_obj(data: bytes, place: Place) -> Reading:
     Raises:
         ValueError: If an index is 0 or out of range, or what it names may not be read.
     """
-    require_text_size(len(data))
+    require_text_size(data)
+    faces = data.count(b"\nf")
+    require(faces <= MAX_TRIANGLES, f"it holds {faces:,} faces; at most {MAX_TRIANGLES:,} are read: simplify it")
     notes: list[str] = []
     text = _clean(decoded(data))
     materials = _materials(re.findall(r"^mtllib (.*)$", text, re.MULTILINE), place, notes)
@@ -121,12 +125,12 @@ def _materials(libraries: list[str], place: Place, notes: list[str]) -> dict[str
     found, images = {}, Images()
     for library in libraries:
         try:
-            texts = [decoded(place.read(library))]  # names with blanks exist, and so do several names in one line
+            texts = [_library(place.read(library))]  # names with blanks exist, and so do several names in one line
         except Missing:
             texts = []
             for name in library.split():
                 try:
-                    texts.append(decoded(place.read(name)))
+                    texts.append(_library(place.read(name)))
                 except Missing:
                     continue
         for text in texts:
@@ -143,6 +147,11 @@ def _materials(libraries: list[str], place: Place, notes: list[str]) -> dict[str
                     _lets_through(values),
                 )
     return found
+
+
+def _library(data: bytes) -> str:
+    require(len(data) <= _MAX_LIBRARY_BYTES, f"its material library holds {len(data) >> 20} MiB; at most 8 are read")
+    return decoded(data)
 
 
 def _texture_names(text: str) -> dict[str, str]:
@@ -191,6 +200,7 @@ def _triangles_only(text: str, notes: list[str]) -> str:
         elif line.startswith("vt "):
             num_textures += 1
         elif line.startswith("f ") or line == "f":
+            require(line.count(" ") <= _MAX_CORNERS, f"a face has more than {_MAX_CORNERS:,} corners; triangulate it")
             corners = [corner.split("/") for corner in line.split()[1:]]
             if len(corners) < 3:
                 notes.append(f"a face with {len(corners)} corners is left out")

@@ -8,11 +8,15 @@ from io import BytesIO
 from pathlib import Path, PurePosixPath
 from urllib.parse import unquote
 
+import numpy as np
+
 from shadowjax._checks import require
 
 # A file that is larger is refused before it is opened: reading costs several times its size in memory.
-MAX_BYTES = 512 << 20
-MAX_TEXT_BYTES = 128 << 20  # readers hold text as many small strings
+MAX_BYTES = 256 << 20
+MAX_TEXT_BYTES = 128 << 20
+MAX_LINE_BYTES = 2 << 20
+MAX_LINES = 6_000_000  # readers hold each line of a text as an object or several
 _MIB = 1 << 20
 
 
@@ -129,13 +133,28 @@ def _too_large(name: str, size: int, limit: int) -> str:
     )
 
 
-def require_text_size(size: int) -> None:
-    """Complain about text of more than `MAX_TEXT_BYTES`.
+def require_text_size(data: bytes, lines: bool = True) -> None:
+    """Complain about text that would unfold to more objects than memory holds.
+
+    Args:
+        data: The text.
+        lines: Whether its format has one statement a line; JSON and XML may be one long line.
 
     Raises:
-        ValueError: Then.
+        ValueError: If it has more than `MAX_TEXT_BYTES`, more than `MAX_LINES`, or a line of `MAX_LINE_BYTES`.
     """
-    require(size <= MAX_TEXT_BYTES, _too_large("its text", size, MAX_TEXT_BYTES))
+    require(len(data) <= MAX_TEXT_BYTES, _too_large("its text", len(data), MAX_TEXT_BYTES))
+    if not lines:
+        return
+    # Python ends lines at more signs than the formats do.
+    count = sum(data.count(end) for end in (b"\n", b"\r", b"\v", b"\f", b"\x1c", b"\x1d", b"\x1e", b"\x85", b"\xa8"))
+    require(
+        count <= MAX_LINES, f"its text has {count:,} lines; at most {MAX_LINES:,} are read: save it in a binary form"
+    )
+    signs = np.frombuffer(data, np.uint8)
+    ends = np.flatnonzero((signs == 10) | (signs == 13))
+    longest = int(np.max(np.diff(ends, prepend=-1, append=len(data))))
+    require(longest <= MAX_LINE_BYTES, f"its text has a line of {longest:,} bytes; at most {MAX_LINE_BYTES:,} are read")
 
 
 def unpack(data: bytes) -> dict[str, bytes]:

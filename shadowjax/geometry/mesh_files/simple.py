@@ -13,7 +13,7 @@ from shadowjax._checks import require
 from shadowjax.geometry.mesh_files.colors import Images, Paint, Unreadable, channels_of_text, from_srgb
 from shadowjax.geometry.mesh_files.ear_clipping import EarClipper
 from shadowjax.geometry.mesh_files.obj import decoded
-from shadowjax.geometry.mesh_files.parts import Part, Reading
+from shadowjax.geometry.mesh_files.parts import MAX_TRIANGLES, Part, Reading
 from shadowjax.geometry.mesh_files.places import Missing, Place, require_text_size, unpack
 
 _INDEX_NAMES = ("vertex_index", "vertex_indices")
@@ -29,7 +29,7 @@ def read_ply(data: bytes, place: Place) -> Reading:
     require(data[:3].lower() == b"ply" and bool(found), "it is no PLY: it has no header that begins and ends as one")
     header = decoded(head)
     if re.search(r"^format +ascii", header, re.MULTILINE):
-        require_text_size(len(data))
+        require_text_size(data)
     _require_rows(header, data)
     notes: list[str] = []
     loaded: dict[str, Any] = load_ply(BytesIO(data), skip_materials=True)
@@ -72,10 +72,15 @@ def read_ply(data: bytes, place: Place) -> Reading:
 
 def _require_rows(header: str, data: bytes) -> None:
     """Complain if a PLY declares more elements than it has bytes."""
-    counts = [int(count) for count in re.findall(r"^element +\S+ +(\d+)", header, re.MULTILINE)]
+    counts = {name: int(count) for name, count in re.findall(r"^element +(\S+) +(\d+)", header, re.MULTILINE)}
+    for name, most in {"face": MAX_TRIANGLES, "vertex": 3 * MAX_TRIANGLES}.items():
+        require(
+            counts.get(name, 0) <= most,
+            f"it declares {counts.get(name, 0):,} {name} elements; at most {most:,} are read",
+        )
     require(
-        sum(counts) <= len(data),
-        f"its header declares {sum(counts):,} elements, and the whole file holds {len(data):,} bytes: it is cut off",
+        sum(counts.values()) <= len(data),
+        f"its header declares {sum(counts.values()):,} elements, and it holds {len(data):,} bytes: it is cut off",
     )
 
 
@@ -150,14 +155,16 @@ def read_stl(data: bytes, place: Place) -> Reading:
         if len(data) >= 84
         else f"its {len(data)} bytes are too few for an STL",
     )
+    require(not binary or count <= MAX_TRIANGLES, f"it holds {count:,} triangles; at most {MAX_TRIANGLES:,} are read")
     facets = 0
     if not binary:
-        require_text_size(len(data))
-        facets = len(re.findall(rb"\bendfacet\b", data, re.IGNORECASE))
+        require_text_size(data)
+        facets = data.lower().count(b"endfacet")
         require(
-            len(re.findall(rb"\bfacet\s+normal\b", data, re.IGNORECASE)) == facets,
-            "a facet of its text begins and does not end: it is cut off",
+            data.lower().count(b"facet") == 2 * facets, "a facet of its text begins and does not end: it is cut off"
         )
+        corners = data.lower().count(b"vertex")
+        require(corners == 3 * facets, f"its text has {facets:,} facets and {corners:,} corners, not three for each")
     loaded: dict[str, Any] = load_stl(BytesIO(data))  # pyright: ignore[reportArgumentType]
     contents = [loaded] if "vertices" in loaded else list(loaded.get("geometry", {}).values())
     parts = [Part(np.asarray(one["vertices"]), np.asarray(one["faces"])) for one in contents]
@@ -172,11 +179,11 @@ def read_off(data: bytes, place: Place) -> Reading:
     Raises:
         ValueError: If it has fewer vertices or faces than declared, or is of a kind with other coordinates.
     """
-    require_text_size(len(data))
-    text = re.sub(r"#.*", "", decoded(data)).strip()
+    require_text_size(data)
+    text = re.sub(r"#.*", "", decoded(data).replace("\r\n", "\n").replace("\r", "\n")).strip()
     keyword = re.match(r"(?:ST)?C?N?OFF\b(?!\s*BINARY)", text)
     require(keyword is not None, "it is no OFF in text with three coordinates; save it as such")
-    lines = [line for line in map(str.strip, text[keyword.end() if keyword else 0 :].splitlines()) if line]
+    lines = [line for line in map(str.strip, text[keyword.end() if keyword else 0 :].split("\n")) if line]
     require(len(lines) > 0 and len(lines[0].split()) >= 2, "it has no line with the numbers of vertices and faces")
     num_vertices, num_faces = (int(word) for word in lines[0].split()[:2])
     rows = lines[1 + num_vertices : 1 + num_vertices + num_faces]
@@ -207,7 +214,7 @@ def read_3mf(data: bytes, place: Place) -> Reading:
     from trimesh.exchange.threemf import load_3MF
 
     models = [content for name, content in unpack(data).items() if name.lower().endswith(".model")]
-    require_text_size(sum(map(len, models)))
+    require_text_size(b"".join(models), lines=False)
     _require_flat_components(models)
     return _scene(load_3MF(BytesIO(data)))
 
@@ -232,7 +239,7 @@ def read_dae(data: bytes, place: Place) -> Reading:
     import collada  # pyright: ignore[reportMissingImports]
     from trimesh.exchange.dae import load_collada
 
-    require_text_size(len(data))
+    require_text_size(data, lines=False)
     clipper = EarClipper()
     document = collada.Collada(BytesIO(data), ignore=[collada.common.DaeError])
     for geometry in document.geometries:
