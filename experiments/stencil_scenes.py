@@ -1,11 +1,14 @@
 """The four scenes of the stencil source's tables, rebuilt, and the places of their lights.
 
 The source shows pictures and counts, no models. What is known: all scenes are made of triangles; the cubes are
-125 · 12 triangles and a ground of two, since 1502 polygons and 754 shadow polygons come out in no other way. Not told,
-and so chosen here: how the sphere is divided (a tetrahedron divided eight times along each edge has its 256 triangles;
-the ground comes on top), which solids stand there (the five regular ones, a box and the ground have its 94 triangles),
-how the recursive tetrahedron recurs (Sierpiński's, in the depth nearest to 752 in ratio), where the ground ends, where
-camera and lights are.
+125 · 12 triangles and a ground of two, since 1502 polygons and 754 shadow polygons come out in no other way. The
+recursive tetrahedron is 1 + 4 + 12 + 36 + 108 = 161 closed tetrahedra, one on every free face of the level before: a
+regular one has 6 (π − acos ⅓)/π = 3.65 outer edges in the mean over directions, which with the ground's 4 makes 591.5,
+and the source has 596. (Sierpiński's 256 tetrahedra, each with 3 outer edges at least, would have 772 or more.) Not
+told, and so chosen here: how the sphere is divided (a tetrahedron divided eight times along each edge has its 256
+triangles; the ground comes on top), which solids stand there (the five regular ones, a box and the ground have its 94
+triangles), how large each tetrahedron is beside the one it stands on, where the ground ends, where camera and lights
+are.
 """
 
 import itertools

@@ -1,5 +1,6 @@
 """The registry of scenes: counts, closed bodies, reproducibility, framing, and shadows that fall in sight."""
 
+import itertools
 import re
 
 import jax
@@ -12,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from shadowjax.geometry import scenes
-from shadowjax.geometry.scenes import SCENES, primitives, solids, surfaces
+from shadowjax.geometry.scenes import SCENES, primitives, recursive_tetrahedron, solids, surfaces
 from shadowjax.geometry.scenes.parts import make_part, random_rotations, rotation, scatter
 
 EXPECTED = {
@@ -47,6 +48,28 @@ def view_rays(camera, width=64, height=48):
     plane = np.stack([*np.meshgrid(x, y), np.ones((height, width))], -1).reshape(-1, 3)
     directions = plane @ np.asarray(camera.rotation)
     return np.broadcast_to(np.asarray(camera.position), directions.shape), directions
+
+
+def test_the_recursive_tetrahedron_is_of_closed_bodies_apart_and_has_the_source_s_shadow_polygons():
+    """161 bodies: 4 free faces, then 3 each; a side of one of two always has the other before it."""
+    assert [recursive_tetrahedron.num_tetrahedra(depth) for depth in range(5)] == [1, 5, 17, 53, 161]
+    # mean silhouette of a regular tetrahedron: 6 edges whose normals differ by π − acos ⅓; and the ground's 4
+    np.testing.assert_allclose(161 * 6 * (np.pi - np.arccos(1 / 3)) / np.pi + 4, 596, rtol=0.01)
+    corners = recursive_tetrahedron.corners(3)
+    edges = np.linalg.norm(corners[:, [0, 0, 0, 1, 2, 3]] - corners[:, [1, 2, 3, 2, 3, 1]], axis=-1)
+    np.testing.assert_allclose(edges, edges[:, :1] * np.ones(6), rtol=1e-12)
+    sides = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 2, 3]])
+    lines = np.array(list(itertools.combinations(range(4), 2)))
+    for i, one in enumerate(corners):
+        others = corners[:i]
+        faces = np.concatenate([np.broadcast_to(one, others.shape)[:, sides], others[:, sides]], axis=1)
+        normals = np.cross(faces[:, :, 1] - faces[:, :, 0], faces[:, :, 2] - faces[:, :, 0])
+        own, theirs = one[lines[:, 0]] - one[lines[:, 1]], others[:, lines[:, 0]] - others[:, lines[:, 1]]
+        crossed = np.cross(own[None, :, None], theirs[:, None]).reshape(len(others), 36, 3)
+        axes = np.concatenate([normals, crossed], axis=1)
+        a, b = np.einsum("nkd,cd->nkc", axes, one), np.einsum("nkd,ncd->nkc", axes, others)
+        gap = np.maximum(b.min(axis=2) - a.max(axis=2), a.min(axis=2) - b.max(axis=2))
+        assert (gap.max(axis=1, initial=0) > 0).all()
 
 
 def test_registry_holds_the_promised_families():
