@@ -27,6 +27,9 @@ FLAGS = {
     "resolution": ([*RENDER, "--resolution", "0"], "--resolution must lie in [1, 16384]; got 0"),
     "width": ([*RENDER, "--width", "-4"], "--width must lie in [1, 16384]; got -4"),
     "samples": ([*RENDER, "--samples", "0"], "--samples must lie in [1, 64]; got 0"),
+    "product of sizes": (
+        [*RENDER[:4], "--width", "16384", "--height", "16384", "--samples", "64"], "use a smaller --width, --height",
+    ),
     "phi": ([*RENDER, "--phi-deg", "90"], "(0, 90); got 90"),
     "phi not finite": ([*RENDER, "--phi-deg", "nan"], "(0, 90); got nan"),
     "near and far": ([*RENDER, "--near", "9", "--far", "2"], "near must be less than far"),
