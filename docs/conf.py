@@ -30,6 +30,7 @@ extensions = [
     "ledger_tables",
     "capability_table",
     "command_options",
+    "site_check",
 ]
 exclude_patterns = ["_build", "_ext", "_measured", "_static", "**/.ipynb_checkpoints"]
 

@@ -35,6 +35,52 @@ def test_make_targets_named_by_a_page_exist(page):
     assert named <= targets
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_tables_have_heads(page):
+    """A blank line within a table turns the rows below it into text."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.M | re.S)
+    for block in re.findall(r"(?:^\|.*\|[ \t]*\n)+", text, re.M):
+        rows = block.splitlines()
+        assert len(rows) >= 2, rows
+        assert re.fullmatch(r"\|(?:\s*:?-+:?\s*\|)+\s*", rows[1]), f"no head above {rows[0]}"
+        assert {row.count("|") - row.count("\\|") >= 3 for row in rows} == {True}
+
+
+def test_the_check_of_the_site_finds_what_is_wrong(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs" / "_ext")
+    from page_widths import too_wide
+    from site_check import faults
+
+    style = tmp_path / "_static" / "site.css"
+    style.parent.mkdir()
+    style.write_text((ROOT / "docs/_static/site.css").read_text())
+    table = "<table><tr><td>1</td></tr></table>"
+    good = (
+        f'<div class="pst-scrollable-table-container">{table}</div><a id="here" href="#here">x</a><p>|x| is a norm</p>'
+    )
+    (tmp_path / "index.html").write_text(f'<article>{good}<a href="b.html#there">b</a><a href="https://x.y">x</a>')
+    (tmp_path / "b.html").write_text('<article><p id="there">x</p></article>')
+    assert list(faults(tmp_path)) == []
+    (tmp_path / "b.html").write_text(
+        f'<article>{table}<p>| a | b |\n| c | d |</p><a href="index.html#nowhere">x</a><img src="none.png">'
+        f'<div style="width:900px">wide</div></article>'
+    )
+    found = list(faults(tmp_path))
+    assert len(found) == 5
+    for told in (
+        "outside of anything",
+        "left as text: | a | b |",
+        "#nowhere",
+        "none.png",
+        "index.html: a link to a place",
+    ):
+        assert any(told in fault for fault in found), told
+    style.write_text("body { color: black }")
+    assert sum("within a narrow window" in fault for fault in faults(tmp_path)) == 4
+    wide = too_wide(tmp_path)
+    assert wide is None or [fault.split(":")[0] for fault in wide] == ["b.html"]
+
+
 def test_techniques_named_by_the_page_on_choosing_exist():
     rows = [line for line in (ROOT / "docs/choose.md").read_text().splitlines() if line.startswith("|")]
     named = {name for row in rows for name in re.findall(r"`([a-z0-9+-]+)`", row.split("|")[2])}
