@@ -8,7 +8,7 @@ BIN := .venv/bin
 REPORT_ARGS ?=
 BENCH_ARGS ?=
 
-.PHONY: help install peers report test test-long lint docs bench experiments clean
+.PHONY: help install peers lowest report test test-long lint docs bench experiments clean
 
 help: ## list what can be made
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 22
@@ -16,13 +16,22 @@ help: ## list what can be made
 .venv/.installed: pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "no Python 3.11 or later found; install one or say make PYTHON=/path/to/python"; exit 2; }
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test,docs,dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test,docs,dev,meshes]'
 	@touch $@
 
 install: .venv/.installed ## local environment in .venv
 
 peers: .venv/.installed ## the other ray casters that `make bench` compares with
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[peers]'
+
+.venv-lowest/.installed: pyproject.toml tests/lowest_versions.py
+	$(PYTHON) -m venv --clear .venv-lowest
+	$(PYTHON) tests/lowest_versions.py > .venv-lowest/constraints.txt
+	.venv-lowest/bin/python -m pip install --quiet --disable-pip-version-check -c .venv-lowest/constraints.txt -e '.[meshes]'
+	@touch $@
+
+lowest: .venv-lowest/.installed ## a walk through the package with the lowest versions that pyproject.toml allows
+	.venv-lowest/bin/python -m tests.smoke
 
 report: .venv/.installed ## shadows of the default scene, compared with the exact answer → out/index.html
 	$(BIN)/shadowjax report $(REPORT_ARGS)
@@ -50,4 +59,4 @@ experiments: .venv/.installed ## every figure and table with its claims
 	$(BIN)/python -m experiments all
 
 clean: ## remove what make has made
-	rm -rf .venv docs/_build out .jax_cache .pytest_cache .ruff_cache
+	rm -rf .venv .venv-lowest docs/_build out .jax_cache .pytest_cache .ruff_cache
