@@ -12,6 +12,7 @@ from shadowjax.adaptive import AdaptiveShadowMapping, AdaptiveShadows
 from shadowjax.analysis import compare
 from shadowjax.geometry import scenes
 from shadowjax.geometry.camera import Camera
+from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.grid import Grid
 from shadowjax.shading import visibility_on
 from shadowjax.technique_base import Shadows
@@ -49,6 +50,18 @@ class Wrong:
         return self.lit + self.dark
 
 
+def filled_up(mesh: Mesh, num_vertices: int, num_faces: int) -> Mesh:
+    """The mesh with triangles without area up to a common count, so that scenes share compiled programs."""
+    vertices, faces = num_vertices - mesh.vertices.shape[0], num_faces - mesh.faces.shape[0]
+    more = (
+        jnp.repeat(mesh.vertices[:1], vertices, axis=0), jnp.zeros((faces, 3), mesh.faces.dtype),
+        jnp.repeat(mesh.face_colors[:1], faces, axis=0),
+    )  # fmt: skip
+    leaves = (mesh.vertices, mesh.faces, mesh.face_colors)
+    joined = tuple(jnp.concatenate(pair) for pair in zip(leaves, more, strict=True))
+    return eqx.tree_at(lambda one: (one.vertices, one.faces, one.face_colors), mesh, joined)
+
+
 class Stage:
     """A scene, a camera and the exact shadow of what it sees; float32, as the maps.
 
@@ -58,8 +71,17 @@ class Stage:
         near: Valid pixels near an edge of the exact shadow.
     """
 
-    def __init__(self, scene: str, num_triangles: int, height: int, camera: Camera | None = None) -> None:
+    def __init__(
+        self,
+        scene: str,
+        num_triangles: int | None,
+        height: int,
+        camera: Camera | None = None,
+        filled: tuple[int, int] | None = None,
+    ) -> None:
         made = scenes.make(scene, num_triangles, dtype=jnp.float32)
+        if filled is not None:
+            made = eqx.tree_at(lambda one: one.mesh, made, filled_up(made.mesh, *filled))
         self.scene = made if camera is None else eqx.tree_at(lambda one: one.camera, made, camera)
         self.height = height
         width = round(height * float(self.scene.camera.aspect))
@@ -95,4 +117,4 @@ class Stage:
         return made.build(self.scene.mesh, self.scene.lights[0], self.scene.camera)
 
 
-__all__ = ["KIB", "NEAR", "Stage", "Wrong", "check_view"]
+__all__ = ["KIB", "NEAR", "Stage", "Wrong", "check_view", "filled_up"]
