@@ -55,17 +55,22 @@ def count_reads() -> tuple[int, dict[str, int], dict[str, int]]:
     return count_build_fetches(max_neighbour, planes[0]), taps, depths
 
 
-def measure(map_size: int, blocks: np.ndarray, turns: int) -> dict[str, np.ndarray]:
-    """Least processor time of every setup and number of blocks; turns alternate, so that all share good moments."""
+def measure(map_size: int, blocks: np.ndarray, turns: int) -> dict[str, Float[np.ndarray, "turns blocks"]]:
+    """Processor time of every setup and number of blocks in every turn, seconds.
+
+    Setups alternate within a turn, so that what else the machine does falls on all of them: their ratios within a turn
+    say more than their times do.
+    """
     depth = jnp.asarray(1 + np.random.default_rng(1).random((map_size, map_size)), jnp.float32)
-    least = {name: np.full(blocks.size, np.inf) for name in SETUPS}
-    for turn in range(turns + 1):
+    times = {name: np.full((turns, blocks.size), np.inf) for name in SETUPS}
+    for turn in range(-1, turns):  # the first compiles
         for index, number in enumerate(blocks):
             num_blocks = jnp.int32(number)
             # Without fragments a run is short, and its time, the fixed cost, hides easily: try it more often.
             for name, setup in list(SETUPS.items()) * (8 if number == 0 else 1):
                 start = time.process_time()
                 jax.block_until_ready(shade_layers(depth, num_blocks, *setup))
-                if turn > 0:  # the first turn compiles
-                    least[name][index] = min(least[name][index], time.process_time() - start)
-    return least
+                seconds = time.process_time() - start
+                if turn >= 0:
+                    times[name][turn, index] = min(times[name][turn, index], seconds)
+    return times
