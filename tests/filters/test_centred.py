@@ -4,11 +4,13 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from shapes import above, lights, plate_over_plane
 
 from shadowjax import (
     TECHNIQUES,
     BilinearPercentageCloser,
     FixedNeighbour,
+    Mesh,
     MultiDepth,
     Neighbourhood,
     PercentageCloser,
@@ -95,3 +97,16 @@ def test_rings_are_balanced_wherever_turning_them_can():
         for count in range(2, 8 * radius + 2):
             total = np.abs(np.sum(ring_offsets(count, radius), axis=0)).max()
             assert (total == 0) == (count not in (2, 8 * radius)), (radius, count, total)
+
+
+@pytest.mark.parametrize("name", ["ring 2, radius 1", "ring 8, radius 1", "max of 2", "fixed (2, -1)", "propagated"])
+def test_a_moved_lookup_frees_a_plane_of_acne_by_its_own_reach(name):
+    """The reach is counted from the middle of what is read: with the default bias a floor alone is lit."""
+    plate = plate_over_plane(jnp.float32)
+    floor = Mesh(plate.vertices, plate.faces[:2], plate.face_colors[:2])
+    spots = jnp.stack(jnp.meshgrid(*[jnp.linspace(-3, 3, 90, dtype=jnp.float32)] * 2), axis=-1).reshape(-1, 2)
+    points = jnp.stack([spots[:, 0], jnp.zeros_like(spots[:, 0]), spots[:, 1]], axis=-1)
+    normals = jnp.broadcast_to(jnp.asarray([0, 1, 0], jnp.float32), points.shape)
+    light, camera = lights(jnp.float32)["directional"], above(jnp.float32)
+    shadows = ShadowMapping(FILTERS[name], 32).build(floor, light, camera)
+    assert float(jnp.min(shadows.visibility(points, normals))) == 1
