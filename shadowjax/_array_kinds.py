@@ -26,7 +26,8 @@ class Numbers(Kind):
 
     def check(self, value: Any, name: str, call: Call) -> Any:
         array = value if isinstance(value, jax.Array) else as_numbers(value) if self.accepts(value) else None
-        if array is None or _kind_of_dtype(array.dtype) not in "fiu":
+        # Masks and binary pictures are arrays of truths.
+        if array is None or _kind_of_dtype(array.dtype) not in "fiub":
             call.refuse(name, self.wanted, value, self.remedy(value, name, call))
         call.look_at(name, array, self.within)
         return value
@@ -70,7 +71,7 @@ class ArrayKind(Numbers):
         array = self._converted(value, name, call)
         if not self._fits(array.shape, call, name):
             call.refuse(name, self.wanted, value, self._layout(array.shape, name))
-        if call.reads_values and _kind_of_dtype(array.dtype) == "f":
+        if self.family != "Shaped" and call.reads_values and _kind_of_dtype(array.dtype) == "f":
             call.look_at(name, array, self.within)
         return array
 
@@ -97,6 +98,8 @@ class ArrayKind(Numbers):
     def _fits(self, shape: tuple[int, ...], call: Call, name: str) -> bool:
         first, num = self.variadic, len(self.tokens)
         if len(shape) != num if first is None else len(shape) < num - 1:
+            return False
+        if self.tokens[-2:] == ("rows", "cols") and (0 in shape[-2:] or (num == 3 and _planes_last(shape))):
             return False
         if first is not None:
             # The run of dimensions in the middle is one size among the others.
@@ -132,6 +135,8 @@ class ArrayKind(Numbers):
             )
 
         last = self.tokens[-1] if self.tokens else ""
+        if self.tokens[1:] == ("rows", "cols") and len(shape) == 3:
+            return f"Planes come first: give jnp.moveaxis({name}, -1, 0)"
         if self.variadic is None and len(shape) + 1 == len(self.tokens) and fits((1, *shape)):
             return f"Give {name}[None] where {self.tokens[0]} is 1"
         if self.variadic is None and shape[:1] == (1,) and fits(shape[1:]):
@@ -139,6 +144,11 @@ class ArrayKind(Numbers):
         if len(shape) > 1 and last.isdigit() and shape[0] == int(last):
             return f"The axis of {last} comes last: give jnp.moveaxis({name}, 0, -1)"
         return ""
+
+
+def _planes_last(shape: tuple[int, ...]) -> bool:
+    """Whether a square map seems to come with its planes in the last axis: no map has many planes of a few columns."""
+    return len(shape) == 3 and shape[0] == shape[1] > shape[2] > 0
 
 
 @functools.cache

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from shadowjax._types import Array
+from shadowjax._types import Array, floating_dtype
 
 
 def concrete(value: Any) -> np.ndarray | None:
@@ -56,6 +56,7 @@ class Range:
 POSITIVE = Range(0.0, is_open=True)
 NOT_NEGATIVE = Range(0.0)
 UNIT_INTERVAL = Range(0.0, 1.0)
+AT_LEAST_ONE = Range(1)
 
 
 def came(value: Any) -> str:
@@ -107,11 +108,10 @@ def require_number(value: Any, name: str, within: Range | None = None) -> Any:
 def require_dtype(value: Any, name: str) -> Any:
     """A floating dtype, or a ValueError that names it."""
     try:
-        is_floating = value is not None and jnp.issubdtype(jnp.dtype(value), jnp.floating)
-    except TypeError:
-        is_floating = False
-    require(is_floating, f"{name} must be a floating dtype, such as jnp.float32; got {came(value)}")
-    return value
+        return floating_dtype(value)
+    except ValueError as error:
+        message = f"{name} must be a floating dtype, such as jnp.float32; got {came(value)}"
+        raise ValueError(message) from error
 
 
 def require_choice(value: Any, name: str, choices: Iterable[Any]) -> Any:
@@ -140,13 +140,11 @@ def require_value(array: Array, holds: Any, message: str) -> Array:
 
 def require_finite(array: Array, name: str) -> Array:
     """Return `array`; complain if it holds NaN or infinity."""
-    known = concrete(array)
-    if known is not None:
-        if not np.isfinite(known).all():
-            bad = int((~np.isfinite(known)).sum())
-            raise ValueError(f"{name} must be finite; {bad} of {known.size} numbers are NaN or infinite")
-        return array
-    return eqx.error_if(array, jnp.logical_not(jnp.all(jnp.isfinite(array))), f"{name} must be finite")
+    if isinstance(array, Tracer):
+        return eqx.error_if(array, jnp.logical_not(jnp.all(jnp.isfinite(array))), f"{name} must be finite")
+    bad = num_not_finite(array)
+    require(bad == 0, f"{name} must be finite; {bad} of {np.size(array)} numbers are NaN or infinite")
+    return array
 
 
 # From here on a sum is faster than a test of every number.

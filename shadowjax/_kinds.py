@@ -13,6 +13,9 @@ from jax.core import Tracer
 
 from shadowjax._checks import Range, came, num_not_finite, require_dtype, require_int, require_number
 
+# A near distance n' of infinity is the uniform map.
+MAY_BE_INFINITE = frozenset({"near_distance"})
+
 
 class Call:
     """One call while it is checked: who is called, and which sizes its named dimensions have had so far."""
@@ -40,6 +43,8 @@ class Call:
         if not self.reads_values or isinstance(value, Tracer):
             return
         bad = num_not_finite(value)
+        if bad and name in MAY_BE_INFINITE and not np.isnan(np.asarray(value)).any():
+            return
         if bad:
             raise ValueError(
                 f"{self.label}: {name} must be finite; {bad} of {np.size(value)} numbers are NaN or infinite"
@@ -90,7 +95,8 @@ class Number(Kind):
     def check(self, value: Any, name: str, call: Call) -> Any:
         if isinstance(value, Tracer) and value.ndim == 0 and value.dtype.kind not in "bc":
             return value
-        require_number(value, f"{call.label}: {name}", self.within)
+        if call.reads_values or not isinstance(value, float):
+            require_number(value, f"{call.label}: {name}", self.within)
         return value
 
 
@@ -131,7 +137,7 @@ class Instance(Kind):
             if isinstance(held, list | tuple) and held and isinstance(held[0], self.cls):
                 return f"Give one of its .{field}"
         for other, kind in call.named.items():
-            if other != name and isinstance(kind, Instance) and kind.accepts(value):
+            if isinstance(value, eqx.Module) and isinstance(kind, Instance) and other != name and kind.accepts(value):
                 return f"It fits {other}: the order is ({', '.join(call.named)})"
         return getattr(self.cls, "_remedy_", "")
 

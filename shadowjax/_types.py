@@ -25,6 +25,17 @@ def default_dtype() -> Any:
     return jnp.result_type(float)
 
 
+def floating_dtype(dtype: Any) -> Any:
+    """A floating dtype, or ValueError."""
+    try:
+        is_floating = dtype is not None and jnp.issubdtype(jnp.dtype(dtype), jnp.floating)
+    except (TypeError, ValueError):
+        is_floating = False
+    if not is_floating:
+        raise ValueError(f"dtype must be a floating dtype, such as jnp.float32; got {dtype!r}")
+    return dtype
+
+
 def as_float_array(value: ArrayLike, dtype: Any = None) -> Float[Array, "..."]:
     """Turn a number, list or array into a strongly typed floating array.
 
@@ -38,7 +49,12 @@ def as_float_array(value: ArrayLike, dtype: Any = None) -> Float[Array, "..."]:
 
 
 def cast(tree: _Tree, dtype: Any) -> _Tree:
-    """Copy of any object of this package with every floating array in `dtype`."""
+    """Copy of any object of this package with every floating array in `dtype`.
+
+    Raises:
+        ValueError: If `dtype` is not a floating dtype.
+    """
+    dtype = floating_dtype(dtype)
     return jax.tree.map(
         lambda leaf: leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf,
         tree,
@@ -47,5 +63,5 @@ def cast(tree: _Tree, dtype: Any) -> _Tree:
 
 __all__ = [
     "Array", "ArrayLike", "Bool", "Float", "Int", "Points", "PyTree", "Scalar", "UInt", "Vector2", "Vector3",
-    "as_float_array", "cast", "default_dtype",
+    "as_float_array", "cast", "default_dtype", "floating_dtype",
 ]  # fmt: skip

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax._checks import concrete, require, require_choice, require_int
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Bool, Float, Int, Points
@@ -82,9 +83,9 @@ class AdaptiveShadowMapping(Technique):
         require(self.texels_per_pixel > 0, f"texels_per_pixel must be positive; got {self.texels_per_pixel}")
         require_int(self.levels_per_step, "levels_per_step", 1)
         require_int(self.max_steps, "max_steps", 0)
-        require_int(self.num_rows, "the number of rows looked at", 1)
+        require_int(self.num_rows, "num_rows", 1)
         costs = self.per_texel, self.fixed
-        require(min(costs) >= 0 and max(costs) > 0, f"costs a and b must be ≥ 0, one of them more; got {costs}")
+        require(min(costs) >= 0 and max(costs) > 0, f"per_texel and fixed must be ≥ 0, one of them more; got {costs}")
         finest = require_int(self.finest_level, "max_level", 0)
         across = self.tile_size << finest
         require(
@@ -137,6 +138,7 @@ class AdaptiveShadowMapping(Technique):
         return shadows.refined(shadows.look(camera), self.max_steps)[0]
 
 
+@checked
 class View:
     """A camera that holds still while maps are refined: what it sees, and what tiles were worth to it at first.
 
@@ -332,6 +334,7 @@ def _square_of(map_: AdaptiveMap, points: Points) -> Float[Array, "*points 2"]:
     return map_.grid.locate(points)[0] / map_.tile_size
 
 
+@checked
 def placed_on(
     map_: AdaptiveMap, bias: Bias, points: Points, normals: Points
 ) -> tuple[Float[Array, "*points 2"], Float[Array, "*points"], Float[Array, "*points"]]:

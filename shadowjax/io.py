@@ -17,6 +17,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+from shadowjax._checked import checked
 from shadowjax._printable import printable_json
 from shadowjax._process import unfinished, uninterrupted
 
@@ -26,6 +27,7 @@ _MOST_TOML_BYTES = 2**20
 _STANDARD_OUTPUT = 1
 
 
+@checked
 def output_folder(path: str | Path) -> Path:
     """A folder to write into, made with its parents if missing; what it holds already is left alone.
 
@@ -50,6 +52,7 @@ def output_folder(path: str | Path) -> Path:
     return folder
 
 
+@checked
 def check_output(path: str | Path) -> Path:
     """Complain about a file that `write_files` could not write, before the work that makes its content.
 
@@ -66,11 +69,13 @@ def check_output(path: str | Path) -> Path:
     return Path(path)
 
 
+@checked
 def is_standard_output(path: str | Path) -> bool:
     """Whether a file is another name of standard output: `-`, `/dev/stdout`, `/dev/fd/1` or a link to one of them."""
     return str(path) == "-" or _descriptor(path) == _STANDARD_OUTPUT
 
 
+@checked
 def write_files(contents: Mapping[str | Path, bytes]) -> None:
     """Write whole files in one step: readers see the old contents or the new ones, never a part.
 
@@ -104,6 +109,7 @@ def write_files(contents: Mapping[str | Path, bytes]) -> None:
                 _pour(place, content)
 
 
+@checked
 def write_bytes(path: str | Path, content: bytes) -> Path:
     """Write one file, and return it; see `write_files`."""
     write_files({path: content})
@@ -246,11 +252,13 @@ def _complaints(path: str | Path) -> Iterator[None]:
         raise ValueError(f"cannot write {path}: {_reason(error)}; choose another place") from error
 
 
+@checked
 def write_text(path: str | Path, content: str) -> Path:
     """Write a text file in UTF-8, in one step; see `write_files`."""
     return write_bytes(path, content.encode())
 
 
+@checked
 def json_text(content: Any, ascii_only: bool = False) -> str:
     """JSON of plain values; NaN and infinity, which JSON does not know, are an error.
 
@@ -266,11 +274,13 @@ def json_text(content: Any, ascii_only: bool = False) -> str:
     return printable_json(json.dumps(content, indent=2, allow_nan=False, ensure_ascii=ascii_only) + "\n")
 
 
+@checked
 def write_json(path: str | Path, content: Any) -> Path:
     """Write plain values as JSON, in one step; see `write_files`."""
     return write_text(path, json_text(content))
 
 
+@checked
 def png_bytes(pixels: Pixels) -> bytes:
     """A picture as the bytes of a PNG file; the same pixels always give the same bytes.
 
@@ -296,6 +306,7 @@ def png_bytes(pixels: Pixels) -> bytes:
     return stream.getvalue()
 
 
+@checked
 def write_png(path: str | Path, pixels: Pixels) -> Path:
     """Write a picture as PNG, in one step; see `png_bytes` and `write_files`.
 
@@ -307,6 +318,7 @@ def write_png(path: str | Path, pixels: Pixels) -> Path:
     return write_bytes(path, png_bytes(pixels))
 
 
+@checked
 def read_toml(path: str | Path) -> dict[str, Any]:
     """The tables of a TOML file.
 
@@ -332,6 +344,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise ValueError(f"cannot read {path}: {_reason(error)}") from error
 
 
+@checked
 def read_lines(path: str | Path) -> list[str]:
     """Lines of a text file that may be missing or unreadable: none then."""
     try:

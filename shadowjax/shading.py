@@ -1,9 +1,12 @@
 """Phong shading of what a camera sees, with shadows from any technique; the record of its passes."""
 
+from typing import Annotated
+
 import equinox as eqx
 import jax.numpy as jnp
 
-from shadowjax._checks import require, require_int
+from shadowjax._checked import Checked, checked
+from shadowjax._checks import NOT_NEGATIVE, POSITIVE, UNIT_INTERVAL, require, require_int
 from shadowjax._numerics import dot, map_in_chunks, normalize
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.camera import Camera
@@ -20,7 +23,7 @@ RECEIVER_CHUNK = 1 << 18
 IMAGE_CHUNK = 1 << 22
 
 
-class Surface(eqx.Module):
+class Surface(Checked):
     """What a camera sees through every pixel (or every sample of it).
 
     Attributes:
@@ -47,20 +50,21 @@ class Surface(eqx.Module):
         return self.face >= 0
 
 
-class Material(eqx.Module):
+class Material(Checked):
     """How surfaces reflect, and the light that comes from everywhere.
 
     Attributes:
-        ambient: Fraction of the albedo seen without any light.
-        specular: Strength of the highlight.
-        shininess: Phong exponent.
+        ambient: Fraction of the albedo seen without any light, in [0, 1].
+        specular: Strength of the highlight, ≥ 0.
+        shininess: Phong exponent, > 0.
     """
 
-    ambient: float = 0.22
-    specular: float = 0.12
-    shininess: float = 24.0
+    ambient: Annotated[float, UNIT_INTERVAL] = 0.22
+    specular: Annotated[float, NOT_NEGATIVE] = 0.12
+    shininess: Annotated[float, POSITIVE] = 24.0
 
 
+@checked
 @eqx.filter_jit
 def trace_surface(
     mesh: Mesh,
@@ -108,6 +112,7 @@ def trace_surface(
     return Surface(rays.at(depth), geometric, shading, mesh.face_colors[index], to_camera, hit.depth, hit.face)
 
 
+@checked
 @eqx.filter_jit
 def visibility_on(surface: Surface, shadows: Shadows) -> Float[Array, "rows cols"]:
     """Visibility of every sample of a surface; background counts as lit.
@@ -125,6 +130,7 @@ def visibility_on(surface: Surface, shadows: Shadows) -> Float[Array, "rows cols
     return jnp.where(surface.is_seen, value.reshape(surface.face.shape), 1.0)
 
 
+@checked
 def valid_receivers(surface: Surface, light: Light) -> Bool[Array, "rows cols"]:
     """Where visibility matters: a surface is seen, faces the light, and lies in its cone."""
     to_light, _ = light.to_light(surface.points)
@@ -132,6 +138,7 @@ def valid_receivers(surface: Surface, light: Light) -> Bool[Array, "rows cols"]:
     return surface.is_seen & facing & (light.covers(surface.points) > 0)
 
 
+@checked
 def phong(
     surface: Surface, light: Light, visibility: Float[Array, "rows cols"], material: Material
 ) -> Float[Array, "rows cols 3"]:
@@ -148,6 +155,7 @@ def phong(
     return arriving * (surface.albedo * cosine[..., None] + highlight[..., None])
 
 
+@checked
 @eqx.filter_jit
 def shade(
     surface: Surface,
@@ -173,7 +181,7 @@ def shade(
     """
     require(
         len(lights) == len(visibilities),
-        f"shade needs one visibility for each light; got {len(visibilities)} for {len(lights)} lights",
+        f"shade needs one of visibilities for each of lights; got {len(visibilities)} for {len(lights)} lights",
     )
     material = Material() if material is None else material
     dtype = surface.albedo.dtype
@@ -189,6 +197,7 @@ def shade(
     return to_srgb(downsample(color, samples_per_axis))
 
 
+@checked
 def downsample(image: Float[Array, "rows cols *rest"], samples_per_axis: int) -> Float[Array, "height width *rest"]:
     """Mean over blocks of K × K samples."""
     if samples_per_axis == 1:
@@ -198,6 +207,7 @@ def downsample(image: Float[Array, "rows cols *rest"], samples_per_axis: int) ->
     return jnp.mean(blocks, axis=(1, 3))
 
 
+@checked
 def to_srgb(linear: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     """Linear light to sRGB code values in [0, 1], with a soft shoulder above 0.8 instead of clipping.
 

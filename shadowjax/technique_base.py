@@ -1,16 +1,16 @@
 """What a technique is: `build(mesh, light, camera)` gives shadows, which answer `visibility(points, normals)`."""
 
 from abc import abstractmethod
+from typing import ClassVar
 
-import equinox as eqx
-
+from shadowjax._checked import Checked
 from shadowjax._types import Array, Float, Int, Points
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
 
 
-class Shadows(eqx.Module):
+class Shadows(Checked):
     """What a technique has built for one light: it answers for any point."""
 
     @abstractmethod
@@ -49,8 +49,10 @@ class Shadows(eqx.Module):
         return False
 
 
-class Technique(eqx.Module):
+class Technique(Checked):
     """A way to answer "how much of the light arrives here?"."""
+
+    _remedy_: ClassVar = "make_technique(name) makes one"
 
     @abstractmethod
     def build(self, mesh: Mesh, light: Light, camera: Camera) -> Shadows:

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._checks import concrete, require, require_choice, require_int
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Float, Points
@@ -110,7 +111,7 @@ def _edges_of(mesh: Mesh) -> MeshEdges:
 def _require_codes(filter_: Filter) -> None:
     require(
         filter_.takes_outlines,
-        f"coverage needs a filter that averages codes of single depths; {type(filter_).__name__} as given does not: "
+        f"coverage needs a filter that averages codes of single depths; got {type(filter_).__name__}, which does not: "
         "take Variance(footprint=0), ExponentialVariance(footprint=0), Moments or Convolution",
     )
 
@@ -373,6 +374,7 @@ TECHNIQUES: dict[str, Callable[..., Technique]] = {
 }
 
 
+@checked
 def make_technique(name: str, resolution: int = 512, caster: Caster | None = None, **options: Any) -> Technique:
     """A technique by its registered name.
 

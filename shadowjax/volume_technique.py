@@ -1,10 +1,20 @@
 """Shadow volumes as a technique, and any technique accumulated over several places of its light."""
 
+from typing import Annotated
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from shadowjax._checks import concrete, require, require_choice, require_finite, require_int, require_value
+from shadowjax._checks import (
+    NOT_NEGATIVE,
+    concrete,
+    require,
+    require_choice,
+    require_finite,
+    require_int,
+    require_value,
+)
 from shadowjax._numerics import dot
 from shadowjax._types import Array, ArrayLike, Float, Int, Points, Scalar, as_float_array
 from shadowjax.geometry.camera import Camera
@@ -178,7 +188,7 @@ class JitteredLights(Technique):
     """
 
     technique: Technique
-    radius: Scalar
+    radius: Annotated[Scalar, NOT_NEGATIVE]
     num_lights: int = eqx.field(static=True)
 
     @classmethod

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_value
 from shadowjax._types import Array, ArrayLike, Float, Points, as_float_array
 from shadowjax.filters.bias import MAX_SLOPE, depth_slope, texel_size
@@ -18,6 +19,7 @@ from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.techniques import MappedShadows
 
 
+@checked
 def least_plane_bias(
     extent: ArrayLike, resolution: ArrayLike, incidence: ArrayLike, reach: ArrayLike, azimuth: ArrayLike = 0.0
 ) -> Float[Array, "..."]:
@@ -41,6 +43,7 @@ def least_plane_bias(
     return jnp.asarray(reach, scale.slope.dtype) * scale.slope
 
 
+@checked
 def least_grid_bias(grid: RayGrid, points: Points, normals: Points, reach: float) -> Float[Array, "*points"]:
     """Smallest bias that frees each receiver's plane of acne under any map, world units.
 
@@ -56,6 +59,7 @@ def least_grid_bias(grid: RayGrid, points: Points, normals: Points, reach: float
     return reach * depth_slope(grid, points, normals)
 
 
+@checked
 def contact_gap(bias: ArrayLike, elevation: ArrayLike, lean: ArrayLike = 0.0) -> Float[Array, "..."]:
     """Lit gap that a bias leaves on the ground at the foot of a thin wall (peter-panning), world units.
 
@@ -94,6 +98,7 @@ class NeededBias(NamedTuple):
     texel: Float[np.ndarray, "points"]
     lit: Bool[np.ndarray, "points"]
 
+    @checked
     def least(self, unit: str = "world", share: float = 1.0) -> float:
         """Smallest bias that frees a share of the lit receivers of acne.
 
@@ -110,6 +115,7 @@ class NeededBias(NamedTuple):
         return float(np.quantile(self.world[counted] / sizes[unit][counted], share, method="higher"))
 
 
+@checked
 def component_labels(mesh: Mesh, precision: float = 1e-6) -> Int[np.ndarray, "faces"]:
     """Number of the connected body that each triangle belongs to; corners closer than `precision` · extent are one."""
     vertices = np.asarray(mesh.vertices, float)
@@ -123,6 +129,7 @@ def component_labels(mesh: Mesh, precision: float = 1e-6) -> Int[np.ndarray, "fa
     return labels[faces[:, 0]]
 
 
+@checked
 def needed_bias(
     shadows: MappedShadows,
     mesh: Mesh,

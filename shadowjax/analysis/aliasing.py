@@ -7,6 +7,7 @@ for a light overhead (γ = π/2) and its literal eq. 37.
 
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._numerics import safe_divide
 from shadowjax._types import Array, Bool, Float
 from shadowjax.warps.light_frustum import LightFrustum
@@ -15,6 +16,7 @@ from shadowjax.warps.prediction import error_x, error_z, max_error_x, max_error_
 Numbers = Float[Array, "..."]
 
 
+@checked
 def pixel_width(depth: Numbers, half_angle: Numbers, resolution: Numbers | float) -> Numbers:
     """Width of a pixel's beam at a depth, on a plane parallel to the image plane: 2z·tg φ/res.
 
@@ -31,6 +33,7 @@ def pixel_width(depth: Numbers, half_angle: Numbers, resolution: Numbers | float
     return 2 * depth * jnp.tan(half_angle) / resolution
 
 
+@checked
 def aliasing(light_width: Numbers, camera_width: Numbers, camera_cosine: Numbers, light_cosine: Numbers) -> Numbers:
     """Pixels that one texel decides, from beam thicknesses and angles of incidence: (w_l/w_c)·(cos θ_c/cos θ_l).
 
@@ -48,6 +51,7 @@ def aliasing(light_width: Numbers, camera_width: Numbers, camera_cosine: Numbers
     return safe_divide(light_width * camera_cosine, camera_width * light_cosine)
 
 
+@checked
 def l_infinity(error: Numbers, valid: Bool[Array, "..."] | bool = True) -> Float[Array, ""]:
     """Largest |error| over the pixels in which something is drawn; 0 if there is none.
 
@@ -58,6 +62,7 @@ def l_infinity(error: Numbers, valid: Bool[Array, "..."] | bool = True) -> Float
     return jnp.max(jnp.where(valid, jnp.abs(error), jnp.zeros_like(error)), initial=0.0)
 
 
+@checked
 def overhead_s(frustum: LightFrustum, near_distance: Numbers, x: Numbers, depth: Numbers) -> Numbers:
     """s of a point on the plane of the view axis, with tg φ'_x = f·tg φ_x/f'.
 
@@ -68,6 +73,7 @@ def overhead_s(frustum: LightFrustum, near_distance: Numbers, x: Numbers, depth:
     return 0.5 + x * full / (2 * beyond * frustum.far * frustum.tan_x)
 
 
+@checked
 def overhead_t(frustum: LightFrustum, near_distance: Numbers, depth: Numbers) -> Numbers:
     """t of a depth: 0 at the near plane, 1 at the far plane.
 
@@ -77,6 +83,7 @@ def overhead_t(frustum: LightFrustum, near_distance: Numbers, depth: Numbers) ->
     return (near_distance + length) * offset / ((near_distance + offset) * length)
 
 
+@checked
 def overhead_ds_dx(frustum: LightFrustum, near_distance: Numbers, depth: Numbers) -> Numbers:
     """Rate of s across the view, 1/world units.
 
@@ -86,6 +93,7 @@ def overhead_ds_dx(frustum: LightFrustum, near_distance: Numbers, depth: Numbers
     return (near_distance + frustum.far - frustum.near) / (2 * beyond * frustum.far * frustum.tan_x)
 
 
+@checked
 def overhead_dt_dz(frustum: LightFrustum, near_distance: Numbers, depth: Numbers) -> Numbers:
     """Rate of t along depth, 1/world units: a square, where the ideal is linear (eq. 46).
 
@@ -95,6 +103,7 @@ def overhead_dt_dz(frustum: LightFrustum, near_distance: Numbers, depth: Numbers
     return (near_distance + length) * near_distance / ((near_distance + depth - frustum.near) ** 2 * length)
 
 
+@checked
 def overhead_error_x(
     frustum: LightFrustum, near_distance: Numbers, depth: Numbers, resolution_ratio: Numbers | float = 1.0
 ) -> Numbers:
@@ -106,6 +115,7 @@ def overhead_error_x(
     return resolution_ratio * frustum.far * beyond / (depth * (near_distance + frustum.far - frustum.near))
 
 
+@checked
 def overhead_error_z(
     frustum: LightFrustum, near_distance: Numbers, depth: Numbers, resolution_ratio: Numbers | float = 1.0
 ) -> Numbers:
@@ -118,6 +128,7 @@ def overhead_error_z(
     return resolution_ratio * length / (2 * frustum.tan_y) * shape
 
 
+@checked
 def overhead_max_x(frustum: LightFrustum, near_distance: Numbers, resolution_ratio: Numbers | float = 1.0) -> Numbers:
     """M_x with the light overhead, at the near plane, for n' ≥ n.
 
@@ -127,6 +138,7 @@ def overhead_max_x(frustum: LightFrustum, near_distance: Numbers, resolution_rat
     return resolution_ratio * frustum.far / frustum.near * near_distance / (length + near_distance)
 
 
+@checked
 def overhead_max_z(frustum: LightFrustum, near_distance: Numbers, resolution_ratio: Numbers | float = 1.0) -> Numbers:
     """M_z with the light overhead: at the far plane for n' ≤ n + √(fn), else at the near plane.
 
@@ -139,6 +151,7 @@ def overhead_max_z(frustum: LightFrustum, near_distance: Numbers, resolution_rat
     return resolution_ratio * length / (2 * frustum.tan_y) * jnp.where(near_distance <= best, at_far, at_near)
 
 
+@checked
 def literal_error_z(
     frustum: LightFrustum, near_distance: Numbers, depth: Numbers, resolution_ratio: Numbers | float = 1.0
 ) -> Numbers:
@@ -153,6 +166,7 @@ def literal_error_z(
     return error_z(frustum, near_distance, depth, resolution_ratio=resolution_ratio) / sine
 
 
+@checked
 def least_error_depth(frustum: LightFrustum, near_distance: Numbers) -> Numbers:
     """Depth on the view axis at which m_z is least; outside [n, f] unless its numerator lies in [n, f]·sin γ.
 

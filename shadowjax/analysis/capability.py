@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
+from shadowjax._checked import checked
 from shadowjax._checks import require_choice
 from shadowjax.filters.offset_pcf import OffsetPercentageCloser
 from shadowjax.filters.pcf import BilinearPercentageCloser
@@ -44,6 +45,7 @@ _COUNTED = {
 }
 
 
+@checked
 def capability(name: str, parameter: str) -> str:
     """What the gradient of a technique's visibility, or of a function's result, in a parameter sees.
 

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import ndimage
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int
 from shadowjax._numerics import dot, safe_divide, safe_sqrt
 from shadowjax._types import Array, Bool, Float
@@ -33,6 +34,7 @@ Progress = Callable[[str], None]
 EDGE_MARGIN = 4
 
 
+@checked
 @dataclass(frozen=True)
 class Record:
     """How one technique did on one view.
@@ -90,7 +92,7 @@ class Record:
         return dataclasses.asdict(self)
 
 
-class View(eqx.Module):
+class View(Checked):
     """What a camera sees of a scene, where shadows matter there, and the truth about them.
 
     Attributes:
@@ -119,6 +121,7 @@ class View(eqx.Module):
         return downsample(self.valid.astype(self.exact.dtype), self.samples_per_axis) > 0
 
 
+@checked
 @dataclass(frozen=True)
 class Comparison:
     """Everything that a comparison made.
@@ -138,6 +141,7 @@ class Comparison:
     visibilities: tuple[Float[Array, "rows cols"], ...]
 
 
+@checked
 def timed(function: Callable[[], Any], repeats: int = 3) -> tuple[Any, float]:
     """Result and warm time of a function: one call to compile, then the median of `repeats` calls.
 
@@ -157,6 +161,7 @@ def timed(function: Callable[[], Any], repeats: int = 3) -> tuple[Any, float]:
     return result, statistics.median(times)
 
 
+@checked
 def look(scene: Scene, width: int, height: int, caster: Caster | None = None, samples_per_axis: int = 1) -> View:
     """Trace the camera's rays and find the exact shadow of the scene's first light.
 
@@ -184,6 +189,7 @@ def look(scene: Scene, width: int, height: int, caster: Caster | None = None, sa
     return View(surface, valid, visibility_on(surface, exact), cosine, samples_per_axis)
 
 
+@checked
 def measure(
     scene: Scene,
     names: Sequence[str],
@@ -236,11 +242,13 @@ def measure(
     return Comparison(view, tuple(names), tuple(records), tuple(built), tuple(visibilities))
 
 
+@checked
 def compare(scene: Scene, techniques: Sequence[str], **options: Any) -> list[Record]:
     """One record for each technique; arguments as in `measure`."""
     return list(measure(scene, techniques, **options).records)
 
 
+@checked
 def record(
     name: str,
     technique: Technique,

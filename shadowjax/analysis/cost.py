@@ -10,12 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array, Float
 
 Number = int | float | Fraction
 
 
+@checked
 def scene_cost(num_fragments: Number, transform: Number, fetch: Number, test: Number, num_taps: int = 1) -> Number:
     """f·(transform + k·(fetch + test)): cost of shadowing a scene with a plain map and a filter of k taps.
 
@@ -31,22 +33,26 @@ def scene_cost(num_fragments: Number, transform: Number, fetch: Number, test: Nu
     return num_fragments * (transform + require_int(num_taps, "number of taps", 1) * (fetch + test))
 
 
+@checked
 def lookup_fetches(num_fragments: Number, num_taps: int) -> Number:
     """f·k: fetches of a scene with a filter of k taps. Source: mdsm, eq. 5.3."""
     return num_fragments * require_int(num_taps, "number of taps", 1)
 
 
+@checked
 def build_fetches(height: int, width: int, neighbours: int) -> int:
     """h·w·q: fetches that build a multi-depth map whose texels look at q neighbours. Source: mdsm, eq. 5.4."""
     texels = require_int(height, "map height", 1) * require_int(width, "map width", 1)
     return texels * require_int(neighbours, "number of neighbours", 1)
 
 
+@checked
 def multi_depth_fetches(height: int, width: int, neighbours: int, num_fragments: Number, num_taps: int) -> Number:
     """h·w·q + f·k: fetches of a scene with a multi-depth map and a filter of k taps. Source: mdsm, eq. 5.5."""
     return build_fetches(height, width, neighbours) + lookup_fetches(num_fragments, num_taps)
 
 
+@checked
 def crossover_fragments(height: int, width: int, neighbours: int, saved_taps: int) -> Fraction:
     """q·h·w/r: the multi-depth map is cheaper above this number of fragments.
 
@@ -62,11 +68,13 @@ def crossover_fragments(height: int, width: int, neighbours: int, saved_taps: in
     return Fraction(build_fetches(height, width, neighbours), saved)
 
 
+@checked
 def first_cheaper_fragments(height: int, width: int, neighbours: int, saved_taps: int) -> int:
     """Smallest whole number of fragments at which the multi-depth map is strictly cheaper. Source: mdsm, eq. 5.6."""
     return math.floor(crossover_fragments(height, width, neighbours, saved_taps)) + 1
 
 
+@checked
 def size_ratio_threshold(neighbours: int, saved_taps: int) -> Fraction:
     """q/r: with each pixel shaded once, the multi-depth map is cheaper when image area / map area exceeds this.
 
@@ -77,6 +85,7 @@ def size_ratio_threshold(neighbours: int, saved_taps: int) -> Fraction:
     return Fraction(require_int(neighbours, "number of neighbours", 1), require_int(saved_taps, "saved taps", 1))
 
 
+@checked
 def dependence(
     function: Callable[[Float[Array, "..."]], Any], depth: Float[Array, "..."]
 ) -> Bool[np.ndarray, "outputs inputs"]:
@@ -111,6 +120,7 @@ def dependence(
     return np.asarray(found).T
 
 
+@checked
 def count_build_fetches(
     build: Callable[[Float[Array, "rows cols"]], Float[Array, "planes rows cols"]], depth: Float[Array, "rows cols"]
 ) -> int:
@@ -125,6 +135,7 @@ def count_build_fetches(
     return int(reads.any(axis=0).sum(axis=1).max())
 
 
+@checked
 def count_lookup_fetches(
     visibility: Callable[[Float[Array, "planes rows cols"]], Float[Array, "..."]],
     planes: Float[Array, "planes rows cols"],

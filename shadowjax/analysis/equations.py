@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Literal
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_choice
 from shadowjax.analysis.inputs import Inputs, Unavailable, plain, relative_error
 
@@ -38,6 +39,7 @@ LEDGERS = (  # one module of `shadowjax.analysis.ledger` a line
 )
 
 
+@checked
 @dataclass(frozen=True)
 class Correction:
     """How an erratum is printed, how it should read, and inputs at which the two differ.
@@ -60,6 +62,7 @@ class Correction:
     corrected_form: Function | None = None
 
 
+@checked
 @dataclass(frozen=True)
 class Equation:
     """One formula or claim of a source.
@@ -128,6 +131,7 @@ class Equation:
         return tuple(Inputs(values, label).merged(from_id) for values, label in pairs)
 
 
+@checked
 @dataclass(frozen=True)
 class Check:
     """One comparison: a name, its kind, whether it passed, the value, what it should be, and the relative error."""
@@ -140,6 +144,7 @@ class Check:
     error: float
 
 
+@checked
 @dataclass(frozen=True)
 class Result:
     """What `verify` found about one equation; its kind is the strongest of its checks."""
@@ -162,6 +167,7 @@ def _name(kind: str, inputs: Inputs) -> str:
     return f"{kind} [{case}]" if case else kind
 
 
+@checked
 def check(equation: Equation) -> Result:
     """Check one equation at its sample inputs.
 
@@ -208,6 +214,7 @@ def ledger() -> Mapping[str, Equation]:
     return MappingProxyType(merged)
 
 
+@checked
 def find(family: str, equations: Mapping[str, Equation] | None = None) -> Equation | None:
     """The equation that answers a family of reference values, or None."""
     known = ledger() if equations is None else equations
@@ -216,6 +223,7 @@ def find(family: str, equations: Mapping[str, Equation] | None = None) -> Equati
     return next((equation for equation in known.values() if equation.matches(family) is not None), None)
 
 
+@checked
 def evaluate(family: str, inputs: Mapping[str, Any], row_id: str = "") -> Any:
     """True value of a family at named inputs.
 
@@ -234,6 +242,7 @@ def evaluate(family: str, inputs: Mapping[str, Any], row_id: str = "") -> Any:
     return equation.closed_form(Inputs(inputs, label).merged(equation.matches(family) or {}))
 
 
+@checked
 def verify(
     equations: Iterable[Equation] | None = None, progress: Callable[[Result], None] | None = None
 ) -> list[Result]:
@@ -251,6 +260,7 @@ def verify(
     return results
 
 
+@checked
 def to_json(results: Iterable[Result]) -> dict[str, Any]:
     """Results as what `verify --json` writes."""
     return {

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from shadowjax._checked import checked
+
 LARGEST_ERROR = 1e300  # stands for "not comparable": errors stay finite, so that they are valid JSON
 
 
@@ -18,6 +20,7 @@ class Estimate(Fraction):
     """A share of random configurations: exact for those drawn here, and another one for others."""
 
 
+@checked
 class Inputs(Mapping[str, Any]):
     """Named inputs of one evaluation, read as numbers whatever their spelling (number, decimal string, fraction).
 
@@ -90,6 +93,7 @@ class Inputs(Mapping[str, Any]):
         return Inputs({**values, **self._values}, self.label)
 
 
+@checked
 def exact(value: Any) -> Fraction:
     """A number, decimal string or `p/q` string as the fraction that its decimal spelling means; Unavailable if none."""
     try:
@@ -98,6 +102,7 @@ def exact(value: Any) -> Fraction:
         raise Unavailable(f"not a number: {value!r}") from error
 
 
+@checked
 def relative_error(value: Any, expected: Any) -> float:
     """Largest relative error of nested numbers (absolute where 0 is expected); text and shapes must be equal.
 
@@ -129,6 +134,7 @@ def _finite_exact(value: Any) -> Fraction:
         raise Unavailable(f"not a finite number: {value!r}") from error
 
 
+@checked
 def plain(value: Any) -> Any:
     """A value made of what JSON knows; fractions become `p/q`, arrays lists, and what is not finite its name."""
     if isinstance(value, Mapping):

@@ -7,12 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import sici
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array, ArrayLike, Float
 
 # --- exponents ------------------------------------------------------------------------------------------------------
 
 
+@checked
 def largest_exponent(
     dtype: Any, num_moments: int = 1, kernel_size: int = 1, largest_depth: float = 1.0, normalised: bool = True
 ) -> float:
@@ -40,6 +42,7 @@ def largest_exponent(
     return room / (num_moments * largest_depth)
 
 
+@checked
 def largest_receiver_exponent(dtype: Any, largest_depth: float = 1.0, subnormal: bool = False) -> float:
     """Largest c for which the receiver's factor exp(−c·d) keeps all its digits at the largest depth.
 
@@ -56,6 +59,7 @@ def largest_receiver_exponent(dtype: Any, largest_depth: float = 1.0, subnormal:
     return -math.log(float(info.smallest_subnormal if subnormal else info.tiny)) / largest_depth
 
 
+@checked
 def measured_exponent(
     dtype: Any, num_moments: int = 1, kernel_size: int = 1, largest_depth: float = 1.0, normalised: bool = True
 ) -> float:
@@ -84,6 +88,7 @@ def measured_exponent(
 # --- ringing --------------------------------------------------------------------------------------------------------
 
 
+@checked
 def fourier_step(offset: ArrayLike, num_terms: int, damping: float = 0.0) -> Float[Array, "..."]:
     """Truncated Fourier series of the shadow test: ½ + 2 Σ e^{−α(k/M)²} sin(c_k t)/c_k with c_k = π(2k − 1).
 
@@ -102,6 +107,7 @@ def fourier_step(offset: ArrayLike, num_terms: int, damping: float = 0.0) -> Flo
     return 0.5 + 2 * jnp.sum(weight * jnp.sin(frequency * t) / frequency, axis=-1)
 
 
+@checked
 def gibbs_peak(num_terms: int | None, damping: float = 0.0) -> float:
     """Largest value of the series: how far above 1 light rings beside a shadow edge.
 
@@ -135,6 +141,7 @@ def _step64(t: np.ndarray, num_terms: int, damping: float) -> np.ndarray:
     return 0.5 + 2 * np.sum(np.exp(-damping * (k / num_terms) ** 2) * np.sin(frequency * t[..., None]) / frequency, -1)
 
 
+@checked
 def step_slope(num_terms: int, damping: float = 0.0) -> float:
     """Slope of the series at the step, 2 Σ e^{−α(k/M)²}: 2M without damping, less with it.
 
@@ -147,6 +154,7 @@ def step_slope(num_terms: int, damping: float = 0.0) -> float:
 # --- light bleeding -------------------------------------------------------------------------------------------------
 
 
+@checked
 def variance_bleed(spread: ArrayLike, share: ArrayLike) -> Float[Array, "..."]:
     """Light that variance maps let onto a receiver behind two occluders, where there is none.
 
@@ -164,6 +172,7 @@ def variance_bleed(spread: ArrayLike, share: ArrayLike) -> Float[Array, "..."]:
     return variance / (variance + (1 + (1 - q) * r) ** 2)
 
 
+@checked
 def exponential_variance_bleed(
     near: ArrayLike, far: ArrayLike, receiver: ArrayLike, share: ArrayLike, exponent: ArrayLike
 ) -> Float[Array, "..."]:
@@ -184,6 +193,7 @@ def exponential_variance_bleed(
     return variance_bleed(spread, share)
 
 
+@checked
 def exponential_bleed(
     near: ArrayLike, far: ArrayLike, receiver: ArrayLike, share: ArrayLike, exponent: ArrayLike
 ) -> Float[Array, "..."]:
@@ -202,6 +212,7 @@ def exponential_bleed(
     return q * jnp.exp(-c * (receiver - far)) + (1 - q) * jnp.exp(-c * (receiver - near))
 
 
+@checked
 def least_bleed_clamp(spread: float, share: float | None = None) -> float:
     """Smallest lower end a of the clamp (p − a)/(1 − a) that leaves no light behind two occluders.
 
@@ -218,6 +229,7 @@ def least_bleed_clamp(spread: float, share: float | None = None) -> float:
 # --- rounding of moments --------------------------------------------------------------------------------------------
 
 
+@checked
 def smallest_deviation(mean: float, dtype: Any) -> float:
     """Standard deviation of depth below which E[z²] − E[z]² is rounding: about |μ|·√ε.
 
@@ -232,6 +244,7 @@ def smallest_deviation(mean: float, dtype: Any) -> float:
     return abs(mean) * math.sqrt(float(jnp.finfo(dtype).eps))
 
 
+@checked
 def measured_deviation(mean: float, dtype: Any, num_pairs: int = 4096) -> float:
     """`smallest_deviation`, measured: root mean square error of the variance of two-point sets, as a deviation.
 

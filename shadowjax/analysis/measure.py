@@ -8,6 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._numerics import dot, norm, normalize, safe_divide
 from shadowjax._types import Array, Float, Points, Vector3
 from shadowjax.geometry.transforms import any_perpendicular
@@ -18,6 +19,7 @@ Numbers = Float[Array, "..."]
 Matrix4 = Float[Array, "4 4"]
 
 
+@checked
 def frustum_corners(frustum: LightFrustum) -> Float[Array, "8 3"]:
     """Corners of one camera frustum with the camera at 0, looking along z, y up."""
     signs = jnp.asarray([[-1, -1], [1, -1], [1, 1], [-1, 1]], frustum.near.dtype)
@@ -26,6 +28,7 @@ def frustum_corners(frustum: LightFrustum) -> Float[Array, "8 3"]:
     return jnp.concatenate([frustum.near * plane, frustum.far * plane])
 
 
+@checked
 def light_axes(gamma: Float[Array, ""]) -> Float[Array, "3 3"]:
     """Rows x, y, z of light space for a light at the angle γ to the view along (0, 0, 1), leaning down from above.
 
@@ -39,6 +42,7 @@ def light_axes(gamma: Float[Array, ""]) -> Float[Array, "3 3"]:
     return jnp.stack([right, -travel, jnp.cross(right, -travel)])
 
 
+@checked
 def warp_matrix(
     frustum: LightFrustum, near_distance: Float[Array, ""], tan_x: Float[Array, ""] | None = None
 ) -> Matrix4:
@@ -68,6 +72,7 @@ def warp_matrix(
     return bias @ project @ view
 
 
+@checked
 def warp_point(matrix: Matrix4, points: Points) -> Float[Array, "*points 2"]:
     """(s, t) of world points: homogeneous transform and divide."""
     moved = points @ matrix[:, :3].T + matrix[:, 3]
@@ -109,6 +114,7 @@ class Beams(NamedTuple):
         return self.texel_width * self.camera_cosine / (self.pixel_width * self.light_cosine)
 
 
+@checked
 def pixel_cut(slope: Numbers, half_pixel: Numbers, depth: Numbers, angle: Numbers) -> Numbers:
     """Length that the two edge rays of a pixel cut from a line.
 
@@ -127,6 +133,7 @@ def pixel_cut(slope: Numbers, half_pixel: Numbers, depth: Numbers, angle: Number
     return jnp.abs(position(slope + half_pixel) - position(slope - half_pixel))
 
 
+@checked
 def beams(
     frustum: LightFrustum,
     near_distance: Numbers,
@@ -175,6 +182,7 @@ def beams(
     )
 
 
+@checked
 def footprint(
     grid: RayGrid, positions: Float[Array, "*cells 2"], points: Points, normals: Points
 ) -> Float[Array, "*cells"]:
@@ -216,6 +224,7 @@ class AliasingMap(NamedTuple):
     perspective: Numbers
 
 
+@checked
 def aliasing_map(camera: RayGrid, shadow_map: RayGrid, points: Points, normals: Points) -> AliasingMap:
     """Aliasing of a real map at real surface points, by differentiating the two projections along the surface.
 

@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_choice, require_int
 
 CHANNELS = {"R": 1, "RG": 2, "RGBA": 4}
 BITS = (8, 16, 32)
 
 
+@checked
 @dataclass(frozen=True)
 class Texture:
     """One texture of a technique.
@@ -39,6 +41,7 @@ class Texture:
         return self.count * texels * CHANNELS[self.channels] * self.bits // 8
 
 
+@checked
 @dataclass(frozen=True)
 class Storage:
     """What a technique keeps, and what a blur needs for a moment besides.
@@ -71,11 +74,13 @@ SOURCE_STORAGE: dict[str, Storage] = {
 }
 
 
+@checked
 def convolution_textures(num_terms: int) -> int:
     """Textures of four channels that hold the 2M basis images of a convolution shadow map. Source: filtering, 2.4.1."""
     return -(-2 * require_int(num_terms, "the number of terms M", 1) // 4)
 
 
+@checked
 def source_megabytes(textures: tuple[Texture, ...], resolution: int) -> float:
     """Memory as the source counts it: every texture rounded up to whole KiB, in units of 1024 · 1000 bytes.
 
@@ -123,6 +128,7 @@ def wrong_cells() -> list[tuple[int, str, float, float]]:
     ]
 
 
+@checked
 def planes_in_formats(num_planes: int, bits: int = 32, mips: bool = False) -> tuple[Texture, ...]:
     """Textures that hold a number of planes: four channels each, and one of one, two or four for the rest.
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool
 from scipy import ndimage
 
+from shadowjax._checked import checked
 from shadowjax._checks import require
 from shadowjax._numerics import safe_sqrt
 from shadowjax._types import Array, ArrayLike, Float, Scalar, as_float_array
@@ -38,6 +39,7 @@ def _mean(values: Array, mask: ArrayLike | None) -> Array:
     return jnp.sum(values * weight) / jnp.maximum(jnp.sum(weight), 1)
 
 
+@checked
 def rmse(test: ArrayLike, reference: ArrayLike, mask: ArrayLike | None = None) -> Scalar:
     """Root of the mean squared difference over the pixels of a mask.
 
@@ -50,12 +52,14 @@ def rmse(test: ArrayLike, reference: ArrayLike, mask: ArrayLike | None = None) -
     return safe_sqrt(_mean((a - b) ** 2, mask))
 
 
+@checked
 def mean_abs_error(test: ArrayLike, reference: ArrayLike, mask: ArrayLike | None = None) -> Scalar:
     """Mean absolute difference over the pixels of a mask; for visibility it is `false_lit` + `false_shadow`."""
     a, b = _pair(test, reference)
     return _mean(jnp.abs(a - b), mask)
 
 
+@checked
 def psnr(test: ArrayLike, reference: ArrayLike, mask: ArrayLike | None = None, peak: float = 1.0) -> Scalar:
     """Peak signal-to-noise ratio in dB; equal images give the dtype's ceiling (139 in float32, 313 in float64)."""
     require(peak > 0, f"peak must be positive; got {peak}")
@@ -64,12 +68,14 @@ def psnr(test: ArrayLike, reference: ArrayLike, mask: ArrayLike | None = None, p
     return -10 * jnp.log10(jnp.maximum(_mean(((a - b) / peak) ** 2, mask), floor))
 
 
+@checked
 def false_lit(test: ArrayLike, reference: ArrayLike, mask: ArrayLike | None = None) -> Scalar:
     """Area fraction that is lit and should not be; partly lit pixels count by the excess. Input: visibilities."""
     a, b = _pair(test, reference)
     return _mean(jnp.maximum(a - b, 0), mask)
 
 
+@checked
 def false_shadow(test: ArrayLike, reference: ArrayLike, mask: ArrayLike | None = None) -> Scalar:
     """Area fraction that is in shadow and should not be; partly lit pixels count by the lack. Input: visibilities."""
     return false_lit(reference, test, mask)
@@ -102,6 +108,7 @@ def _similarity(
     return structure * (2 * mean_a * mean_b + c1) / (mean_a**2 + mean_b**2 + c1)
 
 
+@checked
 def ssim(test: ArrayLike, reference: ArrayLike, mask: ArrayLike | None = None, peak: float = 1.0) -> Scalar:
     """Mean structural similarity, 1 for equal images; Gaussian window 11 × 11, σ = 1.5, where it fits in the image.
 
@@ -150,6 +157,7 @@ def _cracks(lit: Bool[np.ndarray, "rows cols"], valid: Bool[np.ndarray, "rows co
     return grid
 
 
+@checked
 def edge_distance(
     test: ArrayLike, reference: ArrayLike, mask: ArrayLike | None = None, threshold: float = 0.5
 ) -> EdgeDistance:
@@ -193,6 +201,7 @@ def edge_distance(
     )
 
 
+@checked
 def flip(test: ArrayLike, reference: ArrayLike) -> float | None:
     """Mean FLIP error of two images with values in [0, 1], or None where the package `flip_evaluator` is missing.
 

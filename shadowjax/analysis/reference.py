@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from shadowjax._checked import checked
 from shadowjax.analysis.equations import Unavailable, evaluate, plain, relative_error
 from shadowjax.analysis.inputs import Estimate
 
@@ -11,6 +12,7 @@ Status = Literal["matched", "differs", "not covered"]
 TOLERANCE = 1e-9
 
 
+@checked
 @dataclass(frozen=True)
 class RowOutcome:
     """What became of one row: its id, status, both values, the relative error, what was allowed, and a reason."""
@@ -24,17 +26,20 @@ class RowOutcome:
     reason: str = ""
 
 
+@checked
 def family_of(row_id: str) -> str:
     """The family that a row's id names: what stands before the first bracket."""
     return row_id.split("[", 1)[0]
 
 
+@checked
 def row_tolerance(row: Mapping[str, Any]) -> float:
     """Relative error allowed: 1e-9, or half a unit of the last good digit where fewer are good."""
     digits = row.get("digits")
     return max(TOLERANCE, 0.5 * 10.0 ** (1 - digits)) if isinstance(digits, int) else TOLERANCE
 
 
+@checked
 def compare_row(row: Mapping[str, Any]) -> RowOutcome:
     """Evaluate one row.
 
@@ -58,11 +63,13 @@ def compare_row(row: Mapping[str, Any]) -> RowOutcome:
     return RowOutcome(row_id, status, plain(value), expected, error, tolerance)
 
 
+@checked
 def compare_rows(rows: Iterable[Mapping[str, Any]]) -> list[RowOutcome]:
     """Evaluate every row, in order."""
     return [compare_row(row) for row in rows]
 
 
+@checked
 def summary(outcomes: Iterable[RowOutcome]) -> dict[str, int]:
     """Number of rows, of those covered, matched, differing and not covered."""
     listed = list(outcomes)

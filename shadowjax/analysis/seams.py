@@ -8,6 +8,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._numerics import norm, safe_divide
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.rays.ray_grid import RayGrid
@@ -28,11 +29,13 @@ class SeamJump(NamedTuple):
     visibility: Float[Array, "*points"]
 
 
+@checked
 def texel_widths(grid: RayGrid, points: Points) -> Float[Array, "*points 2"]:
     """World length of a texel's step by one column and by one row at each point, across the light."""
     return jnp.stack([norm(step) for step in grid.cell_vectors(points)], axis=-1)
 
 
+@checked
 @eqx.filter_jit
 def seam_jump(shadows: MappedShadows, first: int, second: int, points: Points, normals: Points) -> SeamJump:
     """Jump between the maps of two regions at points that both maps hold, such as the surface at a cut.
@@ -53,6 +56,7 @@ def seam_jump(shadows: MappedShadows, first: int, second: int, points: Points, n
     return SeamJump(factor[..., 0], factor[..., 1], jnp.abs(answers[0] - answers[1]))
 
 
+@checked
 @eqx.filter_jit
 def texel_picture(shadows: MappedShadows, points: Points) -> Float[Array, "*points"]:
     """ln of the texel's size at each point, the root of its area in world units, mixed by the partition's shares.
@@ -86,6 +90,7 @@ class SeamSteps(NamedTuple):
     pairs: Int[Array, ""]
 
 
+@checked
 @eqx.filter_jit
 def seam_steps(
     values: Float[Array, "rows cols"],

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_int
 from shadowjax._numerics import norm
 from shadowjax._types import Array, ArrayLike, Float, Points, Scalar
@@ -30,6 +31,7 @@ TRIED = 48  # shadow distances between the object and the far plane
 MOST_OBJECTS = 512
 
 
+@checked
 @dataclass(frozen=True)
 class TexelAdvice:
     """An object of middling size, and the texels of the map that answers there; lengths in world units.
@@ -65,6 +67,7 @@ class TexelAdvice:
         )
 
 
+@checked
 def stable_texel(camera: Camera, far: ArrayLike, resolution: int, steps: int = StableFit().steps) -> Scalar:
     """Length of a texel of one `StableFit` map over a view that ends at a distance, world units.
 
@@ -82,6 +85,7 @@ def stable_texel(camera: Camera, far: ArrayLike, resolution: int, steps: int = S
     return 2 * radius * steps / (steps - 1) / require_int(resolution, "resolution", 1)
 
 
+@checked
 def objects(mesh: Mesh) -> tuple[Float[np.ndarray, "objects 3"], Float[np.ndarray, "objects"]]:
     """Middles and longest sides of the boxes of connected parts, those left out that span half the scene or more.
 
@@ -107,6 +111,7 @@ def objects(mesh: Mesh) -> tuple[Float[np.ndarray, "objects 3"], Float[np.ndarra
     return 0.5 * (lower + upper)[keep], size[keep]
 
 
+@checked
 @eqx.filter_jit
 def texel_lengths(
     partition: Partition, mesh: Mesh, light: Light, camera: Camera, resolution: int, points: Points
@@ -119,6 +124,7 @@ def texel_lengths(
     return jnp.take_along_axis(jnp.stack(sides), region[None], axis=0)[0]
 
 
+@checked
 def texel_advice(
     technique: ShadowMapping, mesh: Mesh, light: Light, camera: Camera, wanted: int = WANTED
 ) -> TexelAdvice | None:

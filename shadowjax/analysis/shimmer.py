@@ -5,6 +5,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._types import Array, Bool, Float, Points
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
@@ -28,6 +29,7 @@ class Shimmer(NamedTuple):
     compared: Bool[Array, "*points"]
 
 
+@checked
 def in_view(camera: Camera, points: Points) -> Bool[Array, "*points"]:
     """Whether points lie inside a camera's frustum; what hides them does not matter."""
     view = camera.to_view(points)
@@ -48,6 +50,7 @@ def _compare(
     return Shimmer(share, jnp.sum(change * weight) / count, changed, compared)
 
 
+@checked
 def shimmer(
     technique: Technique,
     mesh: Mesh,

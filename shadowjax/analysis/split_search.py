@@ -7,9 +7,12 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from shadowjax._checked import checked
+
 Cost = Callable[[np.ndarray], np.ndarray]
 
 
+@checked
 def best_shares(cost: Cost, log_ratio: float, num_partitions: int, objective: str = "sum") -> tuple[np.ndarray, float]:
     """Shares of ln(f/n) for k slices that minimise the sum or the maximum of their costs.
 
@@ -55,6 +58,7 @@ def best_shares(cost: Cost, log_ratio: float, num_partitions: int, objective: st
     return best, value
 
 
+@checked
 def planes_of(shares: np.ndarray, near: float, far: float) -> np.ndarray:
     """Depths of the planes between slices of given shares of ln(f/n)."""
     inner = near * np.exp(np.cumsum(shares)[:-1] * math.log(far / near))

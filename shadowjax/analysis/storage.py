@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._checks import require_choice
 from shadowjax._types import Array, Float
 from shadowjax.analysis.aliasing import overhead_max_x, overhead_max_z
@@ -14,6 +15,7 @@ Numbers = Float[Array, "..."]
 Rule = Callable[[LightFrustum], Numbers]
 
 
+@checked
 def overhead_storage(frustum: LightFrustum, near_distance: Numbers) -> Numbers:
     """S with the light overhead: (f/n − 1)/(2·tg φ_y), for every n' from n to n + √(fn); larger beyond.
 
@@ -22,6 +24,7 @@ def overhead_storage(frustum: LightFrustum, near_distance: Numbers) -> Numbers:
     return overhead_max_x(frustum, near_distance) * overhead_max_z(frustum, near_distance)
 
 
+@checked
 def critical_resolution(
     frustum: LightFrustum,
     near_distance: Numbers,
@@ -44,6 +47,7 @@ def critical_resolution(
     return columns, image_rows * max_error_z(frustum, near_distance, section)
 
 
+@checked
 def storage_z_partitions(frustum: LightFrustum, num_partitions: Numbers | float, warped: bool = True) -> Numbers:
     """S of k similar slices with the light overhead: k(q − 1)/(2·tg φ_y), times q for uniform maps; q = (f/n)^(1/k).
 
@@ -59,6 +63,7 @@ def storage_z_partitions(frustum: LightFrustum, num_partitions: Numbers | float,
     return storage if warped else storage * ratio
 
 
+@checked
 def storage_logarithmic(frustum: LightFrustum) -> Numbers:
     """S of the logarithmic map with the light overhead, the limit of k → ∞ slices: ln(f/n)/(2·tg φ_y).
 
@@ -67,6 +72,7 @@ def storage_logarithmic(frustum: LightFrustum) -> Numbers:
     return jnp.log(frustum.far / frustum.near) / (2 * frustum.tan_y)
 
 
+@checked
 def storage_parallel(frustum: LightFrustum, num_partitions: Numbers | float = 1.0) -> Numbers:
     """S with light and view parallel: k(f/n)^(2/k); not monotone in k.
 
@@ -75,6 +81,7 @@ def storage_parallel(frustum: LightFrustum, num_partitions: Numbers | float = 1.
     return num_partitions * (frustum.far / frustum.near) ** (2 / num_partitions)
 
 
+@checked
 def best_parallel_partitions(frustum: LightFrustum) -> Numbers:
     """The real k of least `storage_parallel`, 2·ln(f/n); there S = 2e·ln(f/n), and more slices cost more.
 
@@ -83,6 +90,7 @@ def best_parallel_partitions(frustum: LightFrustum) -> Numbers:
     return 2 * jnp.log(frustum.far / frustum.near)
 
 
+@checked
 def slices(frustum: LightFrustum, splits: Float[Array, "*batch planes"]) -> LightFrustum:
     """The frustum's slices between planes, along a new last axis of every field."""
 
@@ -94,6 +102,7 @@ def slices(frustum: LightFrustum, splits: Float[Array, "*batch planes"]) -> Ligh
     )
 
 
+@checked
 def storage_of_splits(
     frustum: LightFrustum,
     splits: Float[Array, "*batch planes"],
@@ -118,6 +127,7 @@ def storage_of_splits(
     return jnp.sum(each, axis=-1) if objective == "sum" else jnp.max(each, axis=-1)
 
 
+@checked
 def seam_jumps(
     frustum: LightFrustum, splits: Float[Array, "*batch planes"], near_distance: Rule
 ) -> tuple[Float[Array, "*batch cuts"], Float[Array, "*batch cuts"]]:
@@ -145,6 +155,7 @@ def seam_jumps(
     return jump(error_x), jump(error_z)
 
 
+@checked
 def partitions_needed(ratio: Numbers, storage: Numbers) -> Numbers:
     """Fewest warped slices, the light overhead, whose summed storage 2·tg φ_y·S is at most a bound above ln(f/n).
 

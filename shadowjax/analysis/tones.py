@@ -8,12 +8,14 @@ from fractions import Fraction
 import numpy as np
 from jaxtyping import Bool, Float
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_int
 from shadowjax._types import ArrayLike
 from shadowjax.analysis import windows
 from shadowjax.analysis.windows import POLICIES, kernel_width, lit_numerators
 
 
+@checked
 def nominal_tones(num_samples: int, num_levels: int) -> int:
     """k = (w − 1)·n + 1: tones of a mean of n samples with w equally spaced, equally weighted levels.
 
@@ -27,6 +29,7 @@ def nominal_tones(num_samples: int, num_levels: int) -> int:
     return (w - 1) * n + 1
 
 
+@checked
 def max_tones(num_samples: int, num_levels: int, equal_weights: bool = True) -> int:
     """Most tones that n samples of w levels can give, whatever the levels: C(n+w−1, w−1) multisets, or w^n if weights
     differ too.
@@ -37,6 +40,7 @@ def max_tones(num_samples: int, num_levels: int, equal_weights: bool = True) -> 
     return math.comb(n + w - 1, w - 1) if equal_weights else w**n
 
 
+@checked
 def count_sums(levels: Sequence[Fraction], num_samples: int, weights: Sequence[Fraction] | None = None) -> int:
     """Distinct values of a weighted sum of samples, each taking any of `levels`; exact rational arithmetic.
 
@@ -54,6 +58,7 @@ def count_sums(levels: Sequence[Fraction], num_samples: int, weights: Sequence[F
     return len(sums)
 
 
+@checked
 def predicted_tones(num_taps: int, num_depths: int = 1) -> int:
     """n·k + 1: tones of PCF(k, n), a filter of k taps over composite tests of n depths.
 
@@ -66,27 +71,32 @@ def _numerators(patterns: Bool[np.ndarray, "patterns rows cols"], policy: str) -
     return tuple(int(tone) for tone in np.unique(lit_numerators(patterns, policy)))
 
 
+@checked
 def exhaustive_tones(num_taps: int, policy: str, include_centre: bool = True) -> tuple[int, ...]:
     """Numerators (of n·k) of the tones that some binary window gives; neighbourhood 3 × 3."""
     histogram = windows.window_histogram(num_taps, policy, include_centre)
     return tuple(tone for tone, count in enumerate(histogram) if count)
 
 
+@checked
 def straight_edge_tones(num_taps: int, policy: str) -> tuple[int, ...]:
     """Numerators (of n·k) of the tones along straight shadow edges of every direction and offset."""
     return _numerators(windows.half_plane_windows(kernel_width(num_taps) + 2), policy)
 
 
+@checked
 def axis_step_tones(num_taps: int, policy: str) -> tuple[int, ...]:
     """Numerators (of n·k) of the tones along a shadow edge parallel to an axis of the map."""
     return _numerators(windows.axis_step_windows(kernel_width(num_taps) + 2), policy)
 
 
+@checked
 def diagonal_step_tones(num_taps: int, policy: str) -> tuple[int, ...]:
     """Numerators (of n·k) of the tones along a shadow edge at 45° to the map."""
     return _numerators(windows.diagonal_step_windows(kernel_width(num_taps) + 2), policy)
 
 
+@checked
 def edge_shift(policy: str, size: int = 3) -> Fraction:
     """How far a policy moves the mean shadow edge towards the shadow, in texels, whatever the filter's size.
 
@@ -100,6 +110,7 @@ def edge_shift(policy: str, size: int = 3) -> Fraction:
     return Fraction(int(np.sum(numerators)), windows.num_depths(policy)) - int(np.sum(plain))
 
 
+@checked
 def tones(visibility: ArrayLike, mask: ArrayLike | None = None, tolerance: float = 1e-4) -> Float[np.ndarray, "tones"]:
     """Distinct values of a visibility image, each the mean of a cluster of values.
 
@@ -122,6 +133,7 @@ def tones(visibility: ArrayLike, mask: ArrayLike | None = None, tolerance: float
     return np.array([cluster.mean() for cluster in clusters])
 
 
+@checked
 def count_tones(visibility: ArrayLike, mask: ArrayLike | None = None, tolerance: float = 1e-4) -> int:
     """Number of distinct values of a visibility image; see `tones`."""
     return int(tones(visibility, mask, tolerance).size)

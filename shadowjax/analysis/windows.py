@@ -14,6 +14,7 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Bool, Int
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_choice, require_int
 
 # Name of a policy -> which extremes of the neighbourhood join the texel's own depth.
@@ -22,11 +23,13 @@ POLICIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 
 
+@checked
 def num_depths(policy: str) -> int:
     """Depths a texel holds under a policy (n of n-SM)."""
     return 1 + len(POLICIES[require_choice(policy, "policy", POLICIES)])
 
 
+@checked
 def kernel_width(num_taps: int) -> int:
     """K of a K × K filter with `num_taps` taps; ValueError unless that is a square."""
     width = math.isqrt(require_int(num_taps, "number of taps", 1))
@@ -34,6 +37,7 @@ def kernel_width(num_taps: int) -> int:
     return width
 
 
+@checked
 def lit_numerators(
     windows: Bool[np.ndarray, "*batch rows cols"], policy: str, size: int = 3, include_centre: bool = True
 ) -> Int[np.ndarray, "*batch"]:
@@ -60,6 +64,7 @@ def lit_numerators(
     return np.asarray(total.sum((-2, -1)))
 
 
+@checked
 def enumerated_histogram(num_taps: int, policy: str, include_centre: bool = True) -> Int[np.ndarray, "tones"]:
     """How many of all 2^((K+2)²) binary windows give each number of lit tests; every window is visited.
 
@@ -86,6 +91,7 @@ def enumerated_histogram(num_taps: int, policy: str, include_centre: bool = True
     return histogram
 
 
+@checked
 @functools.cache
 def window_histogram(num_taps: int, policy: str, include_centre: bool = True) -> tuple[int, ...]:
     """The histogram of `enumerated_histogram`, counted row by row with a transfer matrix, for any square filter.
@@ -119,6 +125,7 @@ def window_histogram(num_taps: int, policy: str, include_centre: bool = True) ->
     return tuple(int(count) for count in counts.sum((0, 1)))
 
 
+@checked
 @functools.cache
 def half_plane_windows(side: int) -> Bool[np.ndarray, "patterns rows cols"]:
     """Every distinct window that a straight edge can make: the linearly separable subsets of a side × side grid.
@@ -142,18 +149,21 @@ def half_plane_windows(side: int) -> Bool[np.ndarray, "patterns rows cols"]:
     return stacked.reshape(len(patterns), side, side)
 
 
+@checked
 def axis_step_windows(side: int) -> Bool[np.ndarray, "patterns rows cols"]:
     """Windows of an edge along the columns: the first 0, 1, ... `side` columns are in shadow."""
     columns = np.arange(side) >= np.arange(side + 1)[:, None]
     return np.broadcast_to(columns[:, None, :], (side + 1, side, side))
 
 
+@checked
 def diagonal_step_windows(side: int) -> Bool[np.ndarray, "patterns rows cols"]:
     """Windows of an edge at 45°: the first diagonals are in shadow."""
     diagonal = np.add.outer(np.arange(side), np.arange(side))
     return diagonal >= np.arange(2 * side)[:, None, None]
 
 
+@checked
 def disk_map(size: int, radius: float, centre: tuple[float, float]) -> Bool[np.ndarray, "size size"]:
     """Lit texels of a map whose occluder is a disk; texels are points at whole coordinates, `centre` is (row, col)."""
     row, col = np.ogrid[:size, :size]

@@ -1,15 +1,16 @@
 """What a filter is: it prepares a depth map once, then turns receiver depths into visibility."""
 
 from abc import abstractmethod
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 
+from shadowjax._checked import Checked
 from shadowjax._types import Array, Float, Int
 from shadowjax.maps.shadow_map import ShadowMap
 
 
-class Lookup(eqx.Module):
+class Lookup(Checked):
     """Where and how receivers read a map.
 
     Attributes:
@@ -43,8 +44,10 @@ class Lookup(eqx.Module):
         return self.depth + self.gradient[..., 0] * x + self.gradient[..., 1] * y
 
 
-class Filter(eqx.Module):
+class Filter(Checked):
     """Turns depths into visibility."""
+
+    _remedy_: ClassVar = "Give an object, such as Hard() or PercentageCloser(3)"
 
     @abstractmethod
     def prepare(self, depth: Float[Array, "rows cols"]) -> Any:

@@ -1,10 +1,12 @@
 """Bias with a meaning: how much depth the shadow test forgives, in world units, texels or texels of slope."""
 
 from abc import abstractmethod
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require_choice, require_finite
 from shadowjax._numerics import dot, norm
 from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, as_float_array
@@ -16,7 +18,7 @@ UNITS = ("world", "texel", "slope")
 MAX_SLOPE = 16.0
 
 
-class Forgiven(eqx.Module):
+class Forgiven(Checked):
     """What a bias does to receivers before they are tested.
 
     Attributes:
@@ -30,8 +32,10 @@ class Forgiven(eqx.Module):
     follows_plane: bool = eqx.field(static=True, default=False)
 
 
-class BiasRule(eqx.Module):
+class BiasRule(Checked):
     """A way to keep surfaces from shadowing themselves; it belongs to the test, never to the stored depth."""
+
+    _remedy_: ClassVar = 'Give Bias.create(0.01, unit) with the unit "world", "texel" or "slope"'
 
     @abstractmethod
     def forgive(self, grid: RayGrid, points: Points, normals: Points) -> Forgiven:
@@ -57,6 +61,9 @@ class Bias(BiasRule):
     value: Scalar
     unit: str = eqx.field(static=True, default="slope")
 
+    def __check_init__(self):
+        require_choice(self.unit, "bias unit", UNITS)
+
     @classmethod
     def create(cls, value: ArrayLike, unit: str = "slope") -> "Bias":
         """Checked constructor.
@@ -64,7 +71,6 @@ class Bias(BiasRule):
         Raises:
             ValueError: If the unit is unknown or the value not finite.
         """
-        require_choice(unit, "bias unit", UNITS)
         return cls(require_finite(as_float_array(value), "bias value"), unit)
 
     def in_world(self, grid: RayGrid, points: Points, normals: Points) -> Float[Array, "*points"]:
@@ -87,12 +93,14 @@ class Bias(BiasRule):
         return Forgiven(points, self.in_world(grid, points, normals))
 
 
+@checked
 def texel_size(grid: RayGrid, points: Points) -> Float[Array, "*points"]:
     """World length of the longer side of the texel that each point falls into, across the light ray."""
     across, down = grid.cell_vectors(points)
     return jnp.maximum(norm(across), norm(down))
 
 
+@checked
 def plane_gradient(
     grid: RayGrid, points: Points, normals: Points, limit: float = MAX_SLOPE
 ) -> Float[Array, "*points 2"]:
@@ -119,6 +127,7 @@ def plane_gradient(
     return jnp.stack(changes, axis=-1)
 
 
+@checked
 def depth_slope(grid: RayGrid, points: Points, normals: Points) -> Float[Array, "*points"]:
     """Depth change of the receiver's plane over one texel along both axes of the map, world units.
 

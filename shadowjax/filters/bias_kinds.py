@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_choice, require_finite, require_value
 from shadowjax._numerics import dot, safe_sqrt
 from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, as_float_array
@@ -180,6 +181,7 @@ class BiasSum(BiasRule):
         return Forgiven(moved, depth, any(one.follows_plane for one in each))
 
 
+@checked
 def acne_free_offset(grid: RayGrid, points: Points, normals: Points, reach: float) -> Float[Array, "*points"]:
     """Smallest length of a `NormalOffset` that frees each receiver's plane of acne, world units.
 

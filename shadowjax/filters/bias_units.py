@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require_choice, require_finite, require_value
 from shadowjax._numerics import dot
 from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, as_float_array
@@ -15,7 +16,7 @@ UNITS = ("world", "texel", "slope", "normal", "normal-texel", "ndc")
 ENCODINGS = ("linear", "reciprocal")
 
 
-class DepthBuffer(eqx.Module):
+class DepthBuffer(Checked):
     """How a depth buffer of one light or cascade encodes distance.
 
     Attributes:
@@ -61,7 +62,7 @@ class DepthBuffer(eqx.Module):
         return even * self.near * self.far / distance**2
 
 
-class BiasScale(eqx.Module):
+class BiasScale(Checked):
     """World units of depth that one of each unit means, at one receiver or many.
 
     Attributes:
@@ -157,6 +158,7 @@ class BiasScale(eqx.Module):
         return jnp.asarray(value, target.dtype) * self.world_per(unit) / target
 
 
+@checked
 def cascade_scales(
     grids: Sequence[RayGrid], points: Points, normals: Points, depths: Sequence[DepthBuffer] | None = None
 ) -> tuple[BiasScale, ...]:

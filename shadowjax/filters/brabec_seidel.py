@@ -2,6 +2,7 @@
 
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._checks import require
 from shadowjax._types import Array, Float
 from shadowjax.filters.base import Filter, Lookup
@@ -18,6 +19,7 @@ Samples = Float[Array, "n texel_rows texel_cols"]
 CELLS = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
+@checked
 def gather_samples(depth: Depth) -> Samples:
     """Four maps of half the size, shifted against each other by half of their texel: the samples of 2 × 2 blocks.
 

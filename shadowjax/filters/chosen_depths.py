@@ -3,17 +3,20 @@
 import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array, Float
 from shadowjax.filters.multi_depth import DepthPolicy, shifted
 
 
+@checked
 def neighbourhood_cells(size: int) -> tuple[tuple[int, int], ...]:
     """(row, column) offsets of a size × size neighbourhood in reading order, the centre included."""
     low, high = -((size - 1) // 2), size // 2
     return tuple((row, col) for row in range(low, high + 1) for col in range(low, high + 1))
 
 
+@checked
 def ranked(depth: Float[Array, "rows cols"], size: int = 3) -> Float[Array, "n rows cols"]:
     """All depths of every texel's neighbourhood in rising order: plane r holds the (r + 1)-th smallest.
 

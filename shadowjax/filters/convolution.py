@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array, Float
 from shadowjax.filters.encoded import Encoded, Values
@@ -14,6 +15,7 @@ from shadowjax.filters.prefilter import Prefilter
 Numbers = Float[Array, "*points"]
 
 
+@checked
 def frequencies(num_terms: int) -> np.ndarray:
     """c_k = (2k − 1)π for k = 1 … M.
 
@@ -25,6 +27,7 @@ def frequencies(num_terms: int) -> np.ndarray:
     return (2 * np.arange(1, require_int(num_terms, "number of terms M", 1) + 1) - 1) * math.pi
 
 
+@checked
 def damping_weights(num_terms: int, damping: float) -> np.ndarray:
     """exp(−α(k/M)²) of each term. It tames ringing and makes the step *less* steep: slope 2 Σ exp(−α(k/M)²) < 2M.
 
@@ -33,11 +36,13 @@ def damping_weights(num_terms: int, damping: float) -> np.ndarray:
     return np.exp(-damping * (np.arange(1, num_terms + 1) / num_terms) ** 2)
 
 
+@checked
 def basis_bytes(num_terms: int, num_rows: int, num_cols: int, bytes_per_value: int = 4) -> int:
     """Memory of the 2M basis images of a map, without mip levels. Source: filtering, section 2.4.1."""
     return 2 * require_int(num_terms, "number of terms M", 1) * num_rows * num_cols * bytes_per_value
 
 
+@checked
 def odd_waves(depth: Float[Array, "*shape"], num_terms: int) -> list[tuple[Array, Array]]:
     """(cos c_k z, sin c_k z) for k = 1 … M: two evaluations, then one rotation by 2πz for each term."""
     cosine, sine = jnp.cos(math.pi * depth), jnp.sin(math.pi * depth)
@@ -49,6 +54,7 @@ def odd_waves(depth: Float[Array, "*shape"], num_terms: int) -> list[tuple[Array
     return waves
 
 
+@checked
 def fourier_bases(depth: Float[Array, "rows cols"], num_terms: int) -> Float[Array, "n rows cols"]:
     """The 2M basis images sin c_k z, cos c_k z, in that order for each k, all in [−1, 1].
 
@@ -57,6 +63,7 @@ def fourier_bases(depth: Float[Array, "rows cols"], num_terms: int) -> Float[Arr
     return jnp.stack([wave for cosine, sine in odd_waves(depth, num_terms) for wave in (sine, cosine)])
 
 
+@checked
 def fourier_visibility(bases: Values, depth: Numbers, damping: float = 0.0) -> Numbers:
     """½ + Σ a_k(d) B_k(z): the truncated series of the step in z − d, from bases that may have been averaged.
 
@@ -78,6 +85,7 @@ def fourier_visibility(bases: Values, depth: Numbers, damping: float = 0.0) -> N
     return total
 
 
+@checked
 def fourier_step(difference: Numbers, num_terms: int, damping: float = 0.0) -> Numbers:
     """½ + 2 Σ exp(−α(k/M)²) sin(c_k t)/c_k: the truncated series of a step, of one known difference t = z − d.
 
@@ -90,7 +98,7 @@ def fourier_step(difference: Numbers, num_terms: int, damping: float = 0.0) -> N
     return total
 
 
-class FourierStep(eqx.Module):
+class FourierStep(Checked):
     """The reconstructed step and how its faults are hidden.
 
     Attributes:

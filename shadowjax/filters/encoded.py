@@ -6,6 +6,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import Checked
 from shadowjax._checks import require_finite
 from shadowjax._types import Array, Float
 from shadowjax.filters.base import Filter, Lookup
@@ -20,7 +21,7 @@ Depth = Float[Array, "rows cols"]
 Values = list[Float[Array, "*points"]]
 
 
-class EncodedMap(eqx.Module):
+class EncodedMap(Checked):
     """What an encoded filter stores.
 
     Attributes:
@@ -36,7 +37,7 @@ class EncodedMap(eqx.Module):
     num_cols: int = eqx.field(static=True)
 
 
-class _OfList(eqx.Module):
+class _OfList(Checked):
     """A filter's codes of a list of depths, world units."""
 
     filter: "Encoded"

@@ -7,7 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from shadowjax._checks import require, require_choice, require_finite, require_int
+from shadowjax._checked import Checked, checked
+from shadowjax._checks import POSITIVE, require, require_choice, require_finite, require_int, require_number
 from shadowjax._types import Array, Float
 from shadowjax.filters.base import Filter, Lookup
 from shadowjax.filters.pcf import bilinear_percentage_closer
@@ -23,6 +24,7 @@ FALLBACKS = ("none", "threshold", "z-max")
 VIOLATION_LIMIT = 10.0
 
 
+@checked
 def check_exponent(exponent: float, dtype: Any, power: int = 1, growth: float = 1.0) -> None:
     """Complain about an exponent c for which growth·(e^(cz))^power is infinite for some z in [0, 1].
 
@@ -39,6 +41,7 @@ def check_exponent(exponent: float, dtype: Any, power: int = 1, growth: float = 
     )
 
 
+@checked
 def exponential_test(
     stored_depth: Float[Array, "*#points"], receiver_depth: Float[Array, "*#points"], exponent: float
 ) -> Float[Array, "*points"]:
@@ -49,6 +52,7 @@ def exponential_test(
     return jnp.exp(exponent * (stored_depth - receiver_depth))
 
 
+@checked
 def blur_exponents(exponents: Float[Array, "more_rows more_cols"], weights: np.ndarray) -> Float[Array, "rows cols"]:
     """ln of the weighted mean of e^x, along both axes: the blur of e^(cz) for any c, since only differences are raised.
 
@@ -74,7 +78,7 @@ def blur_exponents(exponents: Float[Array, "more_rows more_cols"], weights: np.n
     return exponents
 
 
-class ExponentialMap(eqx.Module):
+class ExponentialMap(Checked):
     """What an exponential shadow map stores.
 
     Attributes:
@@ -113,7 +117,7 @@ class Exponential(Filter):
     fallback_size: int = eqx.field(static=True, default=1)
 
     def __check_init__(self):
-        require(bool(np.isfinite(self.exponent)) and self.exponent > 0, f"exponent must be > 0; got {self.exponent}")
+        require_number(self.exponent, "exponent", POSITIVE)
         require_choice(self.space, "space", SPACES)
         require_choice(self.fallback, "fallback", FALLBACKS)
         require(self.threshold >= 0, f"threshold must not be negative; got {self.threshold}")

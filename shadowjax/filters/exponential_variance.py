@@ -4,9 +4,9 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 
-from shadowjax._checks import require
+from shadowjax._checked import checked
+from shadowjax._checks import POSITIVE, require_number
 from shadowjax._types import Array, Float
 from shadowjax.filters.encoded import Encoded, Values
 from shadowjax.filters.exponential import check_exponent
@@ -16,6 +16,7 @@ from shadowjax.filters.variance import _chebyshev, check_spread, check_step, lin
 Numbers = Float[Array, "*points"]
 
 
+@checked
 def warp_depth(depth: Float[Array, "*shape"], exponent: float) -> Float[Array, "*shape"]:
     """e^(c(2z−1)) for positive c, −e^(c(2z−1)) for negative c: rising in z either way.
 
@@ -29,6 +30,7 @@ def warp_depth(depth: Float[Array, "*shape"], exponent: float) -> Float[Array, "
     return warped if exponent > 0 else -warped
 
 
+@checked
 def warped_moments(
     depth: Float[Array, "rows cols"], exponent: float, footprint: float, slope_limit: float
 ) -> Float[Array, "2 rows cols"]:
@@ -42,6 +44,7 @@ def warped_moments(
     return jnp.stack([warped, warped * warped * (1 + spread)])
 
 
+@checked
 def warped_bound(values: Values, depth: Numbers, exponent: float, min_variance: float) -> Numbers:
     """Chebyshev's bound on visibility from two moments of depths warped with one exponent.
 
@@ -89,8 +92,8 @@ class ExponentialVariance(Encoded):
 
     def __check_init__(self):
         for name, exponent in (("positive", self.positive), ("negative", self.negative)):
-            finite = exponent is None or (bool(np.isfinite(exponent)) and exponent > 0)
-            require(finite, f"{name} is the magnitude of an exponent, > 0; got {exponent}")
+            if exponent is not None:
+                require_number(exponent, f"{name}, the magnitude of an exponent,", POSITIVE)
         check_spread(self.min_variance, self.footprint, self.slope_limit)
         check_step(self.bleed_low, self.bleed_high)
 

@@ -1,10 +1,12 @@
 """The hard shadow test: one texel, one comparison."""
 
+from shadowjax._checked import checked
 from shadowjax._types import Array, Bool, Float
 from shadowjax.filters.base import Filter, Lookup
 from shadowjax.maps.sampling import read_texels, texel_index
 
 
+@checked
 def is_lit(
     stored_depth: Float[Array, "*#points"],
     receiver_depth: Float[Array, "*#points"],

@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._checks import require
 from shadowjax._types import Array, Float
 from shadowjax.filters.multi_depth import DepthPolicy
@@ -11,6 +12,7 @@ Depth = Float[Array, "rows cols"]
 Planes = Float[Array, "n rows cols"]
 
 
+@checked
 def block_minimum(depth: Depth, size: int) -> Depth:
     """The smallest depth of each aligned size × size block, at every texel of the block; blocks may be cut at the edge.
 

@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice
 from shadowjax._types import Array, Float
 from shadowjax.filters.encoded import Encoded, Values
@@ -14,12 +15,14 @@ Numbers = Float[Array, "*points"]
 PROBLEMS = ("hamburger", "hausdorff")
 
 
+@checked
 def power_moments(depth: Float[Array, "rows cols"]) -> Float[Array, "4 rows cols"]:
     """z, z², z³, z⁴ of every texel."""
     square = depth * depth
     return jnp.stack([depth, square, square * depth, square * square])
 
 
+@checked
 def bias_moments(moments: Values, moment_bias: float) -> Values:
     """Moments of the mixture of a distribution with weight 1 − α and of the points ±1 with weight α/2 each.
 
@@ -36,6 +39,7 @@ def bias_moments(moments: Values, moment_bias: float) -> Values:
     return [(1 - moment_bias) * value + moment_bias * end for value, end in zip(moments, ends, strict=True)]
 
 
+@checked
 def hamburger_visibility(moments: Values, depth: Numbers) -> Numbers:
     """Upper bound on the share of depths at or beyond the receiver, from the first four moments alone. It is sharp.
 
@@ -59,6 +63,7 @@ def hamburger_visibility(moments: Values, depth: Numbers) -> Numbers:
     return 1 - central.share_before(t, *central.partners(t))
 
 
+@checked
 def hausdorff_visibility(moments: Values, depth: Numbers) -> Numbers:
     """As `hamburger_visibility` for depths that are known to lie in [−1, 1]: never larger, and sharp too.
 
@@ -80,7 +85,7 @@ def hausdorff_visibility(moments: Values, depth: Numbers) -> Numbers:
     return 1 - jnp.where(inside, three, four)
 
 
-class _Central(eqx.Module):
+class _Central(Checked):
     """Central moments, made safe for division."""
 
     mean: Numbers

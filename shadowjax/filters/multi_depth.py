@@ -3,12 +3,14 @@
 import math
 from abc import abstractmethod
 from collections.abc import Sequence
+from typing import Annotated
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from shadowjax._checks import require, require_choice, require_int
+from shadowjax._checked import Checked, checked
+from shadowjax._checks import AT_LEAST_ONE, require, require_choice, require_int
 from shadowjax._types import Array, Float
 from shadowjax.filters.base import Filter, Lookup
 from shadowjax.filters.hard import is_lit
@@ -18,6 +20,7 @@ Depth = Float[Array, "rows cols"]
 Planes = Float[Array, "n rows cols"]
 
 
+@checked
 def shifted(depth: Depth, d_row: int, d_col: int) -> Depth:
     """The map whose texel (r, c) holds `depth[r + d_row, c + d_col]`; beyond the border the edge texel repeats."""
     num_rows, num_cols = depth.shape
@@ -45,11 +48,13 @@ def _extreme(depth: Depth, size: int, include_centre: bool, choose) -> Depth:
     return result
 
 
+@checked
 def single(depth: Depth) -> Planes:
     """1-SM: the traditional map."""
     return depth[None]
 
 
+@checked
 def max_neighbour(depth: Depth, size: int = 3, include_centre: bool = True) -> Planes:
     """2-SM with the largest depth of the size × size neighbourhood beside the texel's own.
 
@@ -59,11 +64,13 @@ def max_neighbour(depth: Depth, size: int = 3, include_centre: bool = True) -> P
     return jnp.stack([depth, _extreme(depth, size, include_centre, jnp.maximum)])
 
 
+@checked
 def min_neighbour(depth: Depth, size: int = 3, include_centre: bool = True) -> Planes:
     """2-SM with the smallest depth of the neighbourhood. Source: mdsm, section 4.5.2."""
     return jnp.stack([depth, _extreme(depth, size, include_centre, jnp.minimum)])
 
 
+@checked
 def min_max_neighbours(depth: Depth, size: int = 3, include_centre: bool = True) -> Planes:
     """3-SM with the largest and the smallest depth of the neighbourhood. Source: mdsm, section 4.5.3."""
     largest = _extreme(depth, size, include_centre, jnp.maximum)
@@ -71,6 +78,7 @@ def min_max_neighbours(depth: Depth, size: int = 3, include_centre: bool = True)
     return jnp.stack([depth, largest, smallest])
 
 
+@checked
 def ring_offsets(num_depths: int, radius: int = 1) -> tuple[tuple[int, int], ...]:
     """(row, column) offsets of the n − 1 extra samples of an n-SM, spread evenly round a square ring.
 
@@ -116,16 +124,19 @@ def _ring_cells(radius: int) -> list[tuple[int, int]]:
     return sorted(cells, key=lambda cell: math.atan2(cell[1], -cell[0]) % (2 * math.pi))
 
 
+@checked
 def ring(depth: Depth, num_depths: int, radius: int = 1) -> Planes:
     """n-SM with n − 1 samples evenly round the texel. Source: mdsm, section 4.5.4."""
     return jnp.stack([depth, *(shifted(depth, *offset) for offset in ring_offsets(num_depths, radius))])
 
 
+@checked
 def fixed_neighbour(depth: Depth, offset: tuple[int, int] = (0, 1)) -> Planes:
     """2-SM with the neighbour at one (row, column) offset: misses edges along that offset. Source: mdsm, figure 4.7."""
     return jnp.stack([depth, shifted(depth, *offset)])
 
 
+@checked
 def stochastic_neighbour(depth: Depth, key: Array, size: int = 3) -> Planes:
     """2-SM with a neighbour drawn evenly, for each texel, from its size × size neighbourhood without the centre.
 
@@ -140,6 +151,7 @@ def stochastic_neighbour(depth: Depth, key: Array, size: int = 3) -> Planes:
     return jnp.stack([depth, drawn])
 
 
+@checked
 def composite_attenuation(
     stored_depths: Float[Array, "n *points"],
     receiver_depth: Float[Array, "*points"],
@@ -160,7 +172,7 @@ def composite_attenuation(
     return jnp.sum(~lit, axis=0).astype(stored_depths.dtype) / stored_depths.shape[0]
 
 
-class DepthPolicy(eqx.Module):
+class DepthPolicy(Checked):
     """Chooses the extra depths of every texel from a traditional depth map."""
 
     @abstractmethod
@@ -251,7 +263,7 @@ class Ring(DepthPolicy):
     """
 
     num_depths: int = eqx.field(static=True, default=4)  # pyright: ignore[reportIncompatibleMethodOverride]
-    ring_radius: int = eqx.field(static=True, default=1)
+    ring_radius: Annotated[int, AT_LEAST_ONE] = eqx.field(static=True, default=1)
 
     def __check_init__(self):
         require_int(self.num_depths, "num_depths", 1)

@@ -3,13 +3,15 @@
 import equinox as eqx
 import jax.numpy as jnp
 
-from shadowjax._checks import require, require_int
+from shadowjax._checked import checked
+from shadowjax._checks import came, require, require_int
 from shadowjax._types import Array, Float
 from shadowjax.filters.base import Filter, Lookup
 from shadowjax.filters.hard import is_lit
 from shadowjax.maps.sampling import bilinear_weights, read_texels, texel_index
 
 
+@checked
 def kernel_offsets(kernel_size: int) -> tuple[float, ...]:
     """Offsets of the taps along one axis: i − (K − 1)/2, whole numbers for odd K and halves for even K.
 
@@ -18,6 +20,7 @@ def kernel_offsets(kernel_size: int) -> tuple[float, ...]:
     return tuple(i - (kernel_size - 1) / 2 for i in range(kernel_size))
 
 
+@checked
 def percentage_closer(
     planes: Float[Array, "n rows cols"],
     lookup: Lookup,
@@ -40,6 +43,10 @@ def percentage_closer(
     Source: filtering, eq. 2.1 and Algorithm 1; mdsm, sections 4.4 and 4.6.4.
     """
     num_planes = planes.shape[0]
+    fits = jnp.ndim(spacing) <= lookup.depth.ndim and all(
+        size in (1, whole) for size, whole in zip(jnp.shape(spacing)[::-1], lookup.depth.shape[::-1], strict=False)
+    )
+    require(fits, f"spacing must be one number, or one for each point of lookup; got {came(spacing)}")
     x, y = lookup.position[..., 0] + shift[0], lookup.position[..., 1] + shift[1]
     offsets = kernel_offsets(kernel_size)
     cols = [texel_index(x + offset * spacing) for offset in offsets]
@@ -54,6 +61,7 @@ def percentage_closer(
     return count / (num_planes * kernel_size**2)
 
 
+@checked
 def bilinear_percentage_closer(
     planes: Float[Array, "n rows cols"], lookup: Lookup, kernel_size: int = 1
 ) -> Float[Array, "*points"]:
@@ -138,6 +146,7 @@ class PercentageCloser(Filter):
         return self.kernel_size / 2
 
 
+@checked
 def tap_spacing(kernel: "PercentageCloser", lookup: Lookup) -> Float[Array, "*#points"] | float:
     """Distance between taps in texels: 1, or what makes the kernel as wide as asked in world units."""
     if kernel.width_world is None:

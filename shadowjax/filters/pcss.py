@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_finite, require_int
 from shadowjax._types import Array, Bool, Float
 from shadowjax.filters.base import Filter, Lookup
@@ -18,6 +19,7 @@ from shadowjax.maps.shadow_map import ShadowMap
 Numbers = Float[Array, "*points"]
 
 
+@checked
 def mean_blocker_depth(
     planes: Float[Array, "1 rows cols"], lookup: Lookup, num_taps: int, spacing: Float[Array, "*#points"]
 ) -> tuple[Numbers, Numbers]:
@@ -61,6 +63,7 @@ def _over_taps(
     return jax.lax.scan(one, start, taps)[0]
 
 
+@checked
 def penumbra_width(receiver_depth: Numbers, blocker_depth: Numbers, light_size: float, parallel: bool) -> Numbers:
     """Width of the penumbra on a receiver across the light, by similar triangles.
 
@@ -81,7 +84,7 @@ def penumbra_width(receiver_depth: Numbers, blocker_depth: Numbers, light_size: 
     return light_size * beyond / jnp.maximum(blocker_depth, jnp.finfo(beyond.dtype).eps)
 
 
-class SoftMap(eqx.Module):
+class SoftMap(Checked):
     """A depth map and its nearest depth.
 
     Attributes:

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import Checked
 from shadowjax._checks import require, require_choice, require_int
 from shadowjax._types import Array, Float
 from shadowjax.filters.base import Lookup
@@ -18,7 +19,7 @@ from shadowjax.maps.summed_area import read_box_mean, summed_area_table
 SAMPLINGS = ("nearest", "bilinear", "trilinear", "anisotropic", "summed-area")
 
 
-class Prefilter(eqx.Module):
+class Prefilter(Checked):
     """A blur of the stored planes and the way lookups average them: what a comparison of depths cannot have.
 
     Attributes:
@@ -105,7 +106,7 @@ class Prefilter(eqx.Module):
         return probes.get(self.sampling, 8 * self.max_anisotropy)
 
 
-class DepthRange(eqx.Module):
+class DepthRange(Checked):
     """The depths that a filter maps to [0, 1].
 
     Attributes:

@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_value
 from shadowjax._types import Array, Float
 from shadowjax.filters.encoded import Encoded, Values
@@ -14,6 +15,7 @@ FOOTPRINTS = {"point": 0.0, "texel": 1 / 12, "disc": 1 / 16, "tent": 1 / 6, "gau
 Numbers = Float[Array, "*points"]
 
 
+@checked
 def surface_slopes(
     depth: Float[Array, "rows cols"], limit: float | None = None
 ) -> tuple[Float[Array, "rows cols"], Float[Array, "rows cols"]]:
@@ -47,6 +49,7 @@ def surface_slopes(
     return (along(1) if num_cols > 1 else flat()), (along(0) if num_rows > 1 else flat())
 
 
+@checked
 def depth_moments(
     depth: Float[Array, "rows cols"], footprint: float = 0.25, slope_limit: float | None = None
 ) -> Float[Array, "2 rows cols"]:
@@ -70,11 +73,13 @@ def depth_moments(
     return jnp.stack([depth, square])
 
 
+@checked
 def variance_of(mean: Numbers, square: Numbers, min_variance: float = 0.0) -> Numbers:
     """σ² = M₂ − M₁², not less than `min_variance`: rounding can make it negative. Source: filtering, eqs 2.5, 2.6."""
     return jnp.maximum(square - mean * mean, jnp.asarray(min_variance, mean.dtype))
 
 
+@checked
 def chebyshev_visibility(mean: Numbers, variance: Numbers, depth: Numbers) -> Numbers:
     """Upper bound on the share of depths at or beyond the receiver, from their mean and variance.
 
@@ -105,6 +110,7 @@ def _chebyshev(mean: Numbers, variance: Numbers, depth: Numbers) -> Numbers:
     return jnp.where(behind & ~lost, bound, jnp.ones_like(mean))
 
 
+@checked
 def linear_step(value: Numbers, low: float = 0.0, high: float = 1.0) -> Numbers:
     """(value − low)/(high − low), clamped to [0, 1]: darkens what bleeds through and rescales the rest.
 
@@ -122,11 +128,13 @@ def linear_step(value: Numbers, low: float = 0.0, high: float = 1.0) -> Numbers:
     return jnp.clip((value - low) / (high - low), 0.0, 1.0)
 
 
+@checked
 def check_step(low: float, high: float) -> None:
     """Complain unless 0 ≤ low < high ≤ 1."""
-    require(0 <= low < high <= 1, f"light bleeding is cut between 0 ≤ low < high ≤ 1; got low {low} and high {high}")
+    require(0 <= low < high <= 1, f"0 ≤ bleed_low < bleed_high ≤ 1 must hold; got {low} and {high}")
 
 
+@checked
 def check_spread(min_variance: float, footprint: float, slope_limit: float) -> None:
     """Complain about a negative least variance, footprint or limit of slopes."""
     require(min_variance >= 0, f"min_variance must not be negative; got {min_variance}")

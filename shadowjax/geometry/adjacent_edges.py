@@ -3,10 +3,10 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Int
@@ -17,6 +17,7 @@ from shadowjax.geometry.mesh import Mesh
 CASTS = ("facing", "all")
 
 
+@checked
 @dataclass(frozen=True)
 class AdjacentEdges:
     """The lists of a group of polygons, in the order in which their entries were made.
@@ -49,6 +50,7 @@ class AdjacentEdges:
         return table
 
 
+@checked
 def find_adjacent_edges(polygons: Iterable[Sequence[int] | np.ndarray]) -> AdjacentEdges:
     """Find the sides that two polygons walk in opposite senses; host-side, in time linear in the sides.
 
@@ -92,7 +94,7 @@ def find_adjacent_edges(polygons: Iterable[Sequence[int] | np.ndarray]) -> Adjac
     return AdjacentEdges(np.array(sides, int).reshape(-1, 2), np.array(owners, int), np.array(partners, int))
 
 
-class EdgeSides(eqx.Module):
+class EdgeSides(Checked):
     """Every edge of a mesh once, and the sides of faces that run along it, however many.
 
     Attributes:
@@ -114,6 +116,7 @@ class EdgeSides(eqx.Module):
         return not bool(jnp.any(jnp.zeros(len(self.vertices), jnp.int32).at[self.edge].add(self.sense)))
 
 
+@checked
 def edge_sides(mesh: Mesh, weld: bool = True) -> EdgeSides:
     """Find the sides along every edge; host-side.
 
@@ -133,6 +136,7 @@ def edge_sides(mesh: Mesh, weld: bool = True) -> EdgeSides:
     )
 
 
+@checked
 def silhouette_counts(mesh: Mesh, sides: EdgeSides, light: Light, casts: str = "facing") -> Int[Array, "edges"]:
     """How many shadow sides each edge needs, and in which sense: the boundary of what casts, under `jit` too.
 

@@ -1,18 +1,18 @@
 """The pinhole camera: pose, half angle of view, frustum, and its angle γ to a light."""
 
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 
-from shadowjax._checks import concrete, require, require_finite, require_value
+from shadowjax._checked import Checked
+from shadowjax._checks import POSITIVE, concrete, require, require_finite, require_value
 from shadowjax._numerics import norm, rotate
 from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, Vector3, as_float_array
 from shadowjax.geometry.origin import ZERO, to_local
 from shadowjax.geometry.transforms import angle_between_lines, unit, view_frame
 
 
-class Camera(eqx.Module):
+class Camera(Checked):
     """A pinhole camera.
 
     Attributes:
@@ -24,12 +24,14 @@ class Camera(eqx.Module):
         far: Distance of the far plane along forward, world units.
     """
 
+    _remedy_: ClassVar = "Camera.look_at(…) makes one"
+
     position: Vector3
     rotation: Float[Array, "3 3"]
-    phi_y: Scalar
-    aspect: Scalar
-    near: Scalar
-    far: Scalar
+    phi_y: Annotated[Scalar, POSITIVE]
+    aspect: Annotated[Scalar, POSITIVE]
+    near: Annotated[Scalar, POSITIVE]
+    far: Annotated[Scalar, POSITIVE]
 
     @classmethod
     def look_at(
@@ -72,6 +74,8 @@ class Camera(eqx.Module):
         )  # fmt: skip
         for vector, name in [(position, "position"), (target, "target"), (up, "up")]:
             require(vector.shape == (3,), f"camera {name} must have shape (3,); got {vector.shape}")
+        for number, name in [(phi_y, "phi_y"), (near, "near"), (far, "far"), (aspect, "aspect")]:
+            require(number.ndim == 0, f"camera {name} must be one number; got an array of shape {number.shape}")
         forward = require_value(
             target - position, norm(target - position) > 0, "camera position and target must differ"
         )

@@ -1,9 +1,9 @@
 """Edges of a mesh: which faces meet at each, which are open or over-full, and the silhouette seen by a light."""
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import Checked, checked
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Bool, Int
 from shadowjax.geometry.light import Light
@@ -12,7 +12,7 @@ from shadowjax.geometry.mesh import Mesh
 OPEN = -1
 
 
-class EdgeAdjacency(eqx.Module):
+class EdgeAdjacency(Checked):
     """Every edge of a mesh once, and the faces on its two sides.
 
     Topology, built on the host: it has no gradient and does not change while vertices move.
@@ -35,12 +35,14 @@ class EdgeAdjacency(eqx.Module):
         return bool(jnp.all((self.num_faces == 2) & (self.faces[:, 1] != OPEN)))
 
 
+@checked
 def welded(mesh: Mesh) -> Int[np.ndarray, "faces 3"]:
     """Faces with vertices at exactly equal positions counted as one; host-side."""
     _, place = np.unique(np.asarray(mesh.vertices), axis=0, return_inverse=True)
     return place.reshape(-1)[np.asarray(mesh.faces)]
 
 
+@checked
 def paired_sides(faces: Int[np.ndarray, "faces 3"]) -> tuple[np.ndarray, np.ndarray]:
     """Sides of triangles that share an edge, as pairs of side numbers 3·face + i (side i runs from corner i to i + 1).
 
@@ -64,6 +66,7 @@ def paired_sides(faces: Int[np.ndarray, "faces 3"]) -> tuple[np.ndarray, np.ndar
     return pairs, alone
 
 
+@checked
 def opposite_sides(faces: Int[np.ndarray, "faces 3"]) -> tuple[np.ndarray, np.ndarray]:
     """Sides of triangles that run along an edge in opposite senses, as pairs of side numbers 3·face + i.
 
@@ -98,6 +101,7 @@ def opposite_sides(faces: Int[np.ndarray, "faces 3"]) -> tuple[np.ndarray, np.nd
     return pairs, np.setdiff1d(number, pairs.reshape(-1), assume_unique=True)
 
 
+@checked
 def edge_adjacency(mesh: Mesh, weld: bool = True) -> EdgeAdjacency:
     """Find the faces on both sides of every edge.
 
@@ -123,6 +127,7 @@ def edge_adjacency(mesh: Mesh, weld: bool = True) -> EdgeAdjacency:
     )
 
 
+@checked
 def silhouette(mesh: Mesh, edges: EdgeAdjacency, light: Light) -> Bool[Array, "edges"]:
     """Which edges part the side of a mesh that faces a light from the side that does not.
 

@@ -1,19 +1,22 @@
 """Lights: directional, spot and point; where they are seen from a point and how bright they are there."""
 
 from abc import abstractmethod
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 
-from shadowjax._checks import require, require_finite, require_value
+from shadowjax._checked import Checked
+from shadowjax._checks import POSITIVE, require, require_finite, require_value
 from shadowjax._numerics import dot, norm, normalize, safe_divide
 from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, Vector3, as_float_array
 from shadowjax.geometry.origin import ZERO, to_local
 
 
-class Light(eqx.Module):
+class Light(Checked):
     """What all lights answer. A light has no size here: an area light is many of them."""
+
+    _remedy_: ClassVar = "DirectionalLight.create(direction) makes one"
 
     color: eqx.AbstractVar[Vector3]
 
@@ -129,7 +132,7 @@ class SpotLight(Light):
 
     position: Vector3
     direction: Vector3
-    half_angle: Scalar
+    half_angle: Annotated[Scalar, POSITIVE]
     color: Vector3
 
     @classmethod

@@ -1,13 +1,14 @@
 """Triangle meshes: the Mesh pytree, its checked constructor, normals, areas and bounds."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from shadowjax._checks import concrete, require, require_finite
+from shadowjax._checked import Checked, checked
+from shadowjax._checks import concrete, require, require_finite, require_value
 from shadowjax._numerics import norm, normalize, safe_divide
 from shadowjax._types import Array, ArrayLike, Float, Int, Scalar, Vector3, as_float_array
 from shadowjax.geometry.origin import Origin, as_origin, to_local
@@ -16,7 +17,7 @@ from shadowjax.geometry.transforms import Matrix4, transform_points
 DEFAULT_ALBEDO = 0.75
 
 
-class Mesh(eqx.Module):
+class Mesh(Checked):
     """A triangle soup with shared vertices.
 
     Attributes:
@@ -27,6 +28,8 @@ class Mesh(eqx.Module):
             `origin` plus the local one. Cameras, lights and points are local too; `to_local` brings world positions
             there before they are rounded. Zero but for files that lie far from it.
     """
+
+    _remedy_: ClassVar = "Mesh.create(vertices, faces) makes one"
 
     vertices: Float[Array, "vertices 3"]
     faces: Int[Array, "faces 3"]
@@ -74,9 +77,15 @@ class Mesh(eqx.Module):
             )
         num_faces = indices.shape[0]
         colors = as_float_array(DEFAULT_ALBEDO if face_colors is None else face_colors, vertices.dtype)
-        if colors.ndim < 2:
-            colors = jnp.broadcast_to(colors, (num_faces, 3))
-        require(colors.shape == (num_faces, 3), f"face_colors must have shape ({num_faces}, 3); got {colors.shape}")
+        require(
+            colors.shape in ((), (3,), (num_faces, 3)),
+            f"face_colors must have shape ({num_faces}, 3), or (3,) for all faces; got {colors.shape}",
+        )
+        if concrete(colors) is not None:
+            limit = 1 + 4 * jnp.finfo(colors.dtype).eps
+            holds = (colors >= 0) & (colors <= limit) | ~jnp.isfinite(colors)
+            colors = require_value(colors, holds, "face_colors, linear albedo, must lie in [0, 1] (not 0 … 255)")
+        colors = jnp.broadcast_to(colors, (num_faces, 3))
         return cls(vertices, jnp.asarray(indices, jnp.int32), require_finite(colors, "face_colors"), origin)
 
     @property
@@ -176,6 +185,7 @@ class Mesh(eqx.Module):
         return to_local(points, self.origin)
 
 
+@checked
 def zero_area_faces(mesh: Mesh) -> int:
     """How many triangles have no area worth the name (≤ 1e-12 of the squared extent); casters pass through them."""
     return int(jnp.sum(safe_divide(mesh.areas(), mesh.extent**2) <= 1e-12))

@@ -1,31 +1,37 @@
 """Where the zero of local positions lies in the world, in 64 bits, and world positions brought there."""
 
+import math
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from shadowjax._checks import concrete, require
+from shadowjax._array_kinds import as_numbers
+from shadowjax._checked import checked
+from shadowjax._checks import came, concrete, require
 from shadowjax._types import ArrayLike
 
 Origin = tuple[float, float, float]
 ZERO: Origin = (0.0, 0.0, 0.0)
 
 
+@checked
 def as_origin(value: Any) -> Origin:
     """Three Python floats, which have 64 bits whatever JAX's settings are.
 
     Raises:
         ValueError: If the value is not three finite numbers.
     """
-    numbers = np.asarray(value, np.float64)
-    require(numbers.shape == (3,), f"origin must have shape (3,); got {numbers.shape}")
-    require(bool(np.isfinite(numbers).all()), f"origin must be finite; got {numbers}")
-    x, y, z = numbers.tolist()
+    numbers = as_numbers(value)
+    known = numbers is not None and numbers.shape == (3,) and numbers.dtype.kind in "fiu"
+    require(known, f"origin must be three numbers; got {came(value)}")
+    x, y, z = np.asarray(numbers, np.float64).tolist()
+    require(all(map(math.isfinite, (x, y, z))), f"origin must be finite; got {x}, {y}, {z}")
     return x, y, z
 
 
+@checked
 def to_local(points: ArrayLike, origin: Any) -> ArrayLike:
     """World positions about an origin: subtracted in float64, before they become smaller floats.
 

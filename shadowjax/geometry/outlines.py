@@ -1,16 +1,16 @@
 """Edges of a mesh, each once, as candidates for an outline: where the surface seen from a place may end."""
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import Checked, checked
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.edges import OPEN, edge_adjacency, welded
 from shadowjax.geometry.mesh import Mesh
 
 
-class MeshEdges(eqx.Module):
+class MeshEdges(Checked):
     """Every edge of a mesh once, whatever the number of faces that meet there.
 
     Topology, built on the host: it has no gradient and does not change while vertices move.
@@ -37,6 +37,7 @@ class MeshEdges(eqx.Module):
         return both & (face >= 0)
 
 
+@checked
 def mesh_edges(mesh: Mesh, weld: bool = True) -> MeshEdges:
     """Find every edge of a mesh once, on the host.
 
@@ -66,6 +67,7 @@ def mesh_edges(mesh: Mesh, weld: bool = True) -> MeshEdges:
     )
 
 
+@checked
 def outline(mesh: Mesh, edges: MeshEdges, towards: Float[Array, "edges 3"]) -> Bool[Array, "edges"]:
     """Which edges may end the surface that is seen from a place: both faces lie on one side of them.
 
@@ -81,6 +83,7 @@ def outline(mesh: Mesh, edges: MeshEdges, towards: Float[Array, "edges 3"]) -> B
     return edges.always | (one * two >= 0)
 
 
+@checked
 def free_side(mesh: Mesh, edges: MeshEdges, towards: Float[Array, "edges 3"]) -> Float[Array, "edges"]:
     """On which side of an edge of an outline no face lies: 1 along (end − start) × towards, −1 against it.
 

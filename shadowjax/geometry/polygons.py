@@ -5,6 +5,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from shadowjax._checked import checked
 from shadowjax._checks import concrete, require
 from shadowjax._types import Array, Int
 from shadowjax.geometry.edges import paired_sides, welded
@@ -14,6 +15,7 @@ from shadowjax.geometry.mesh import Mesh
 COPLANAR_SINE = 1e-4
 
 
+@checked
 def polygon_of_face(mesh: Mesh) -> Int[Array, "faces"]:
     """Number of the polygon that each triangle belongs to; host-side.
 

@@ -5,12 +5,14 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.csgraph import connected_components
 
+from shadowjax._checked import checked
 from shadowjax._numerics import normalize
 from shadowjax._types import Array, Float, Int
 from shadowjax.geometry.edges import paired_sides, welded
 from shadowjax.geometry.mesh import Mesh
 
 
+@checked
 def smooth_corner_groups(mesh: Mesh, crease_angle: float = 0.6) -> Int[Array, "faces 3"]:
     """Which corners share a shading normal: corners at one place whose faces meet at less than `crease_angle`.
 
@@ -40,6 +42,7 @@ def smooth_corner_groups(mesh: Mesh, crease_angle: float = 0.6) -> Int[Array, "f
     return jnp.asarray(group.reshape(-1, 3), jnp.int32)
 
 
+@checked
 def corner_normals(mesh: Mesh, groups: Int[Array, "faces 3"]) -> Float[Array, "faces 3 3"]:
     """Shading normal of each corner: the area-weighted mean over its group, differentiable in the vertices.
 

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_choice
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, Light, PointLight, SpotLight
@@ -24,6 +25,7 @@ HALF_ANGLE_DEG = 18.0
 LONGEST_SHADOW = 3.0
 
 
+@checked
 def upright(mesh: Mesh, up: str) -> Mesh:
     """The mesh with its up axis ("y" or "z") turned to y; a turn, so nothing is mirrored."""
     require_choice(up, "up axis", ("y", "z"))
@@ -34,6 +36,7 @@ def upright(mesh: Mesh, up: str) -> Mesh:
     return Mesh(jnp.stack([x, z, -y], axis=-1), mesh.faces, mesh.face_colors, (east, height, -north))
 
 
+@checked
 def shadow_points(points: np.ndarray, direction: np.ndarray, height: float) -> np.ndarray:
     """Where parallel light carries points onto the horizontal plane at `height`.
 
@@ -54,6 +57,7 @@ def shadow_points(points: np.ndarray, direction: np.ndarray, height: float) -> n
     return result
 
 
+@checked
 def stage(
     mesh: Mesh,
     name: str,
@@ -104,6 +108,7 @@ def _ground(points: np.ndarray, height: float, size: float, like: Mesh) -> Mesh:
     return Mesh.create(slab.vertices, slab.faces, slab.face_colors, like.vertices.dtype, like.origin)
 
 
+@checked
 def frame(points: np.ndarray, everything: np.ndarray, dtype: object = None) -> Camera:
     """Three-quarter view that holds `points` as large as they go, near and far close round `everything`.
 
@@ -137,12 +142,14 @@ def _depth_range(points: np.ndarray, position: np.ndarray, forward: np.ndarray) 
     return max(0.98 * float(depth.min()), 0.02 * min(far, size)), far
 
 
+@checked
 def direction_of(azimuth_deg: float, elevation_deg: float) -> tuple[float, float, float]:
     """The way light travels that stands at an azimuth (degrees from +z to +x) and elevation (degrees)."""
     x, y, z = (-towards(azimuth_deg, elevation_deg)).tolist()
     return x, y, z
 
 
+@checked
 def relit(
     scene: Scene,
     kind: str = "directional",
@@ -194,6 +201,7 @@ def relit(
     return eqx.tree_at(lambda s: s.lights, scene, (light,))
 
 
+@checked
 def viewed(
     scene: Scene,
     aspect: float,

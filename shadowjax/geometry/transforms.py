@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 from jax import lax
 
+from shadowjax._checked import checked
 from shadowjax._numerics import dot, norm, normalize
 from shadowjax._types import Array, Float, Points, Scalar, Vector3
 
@@ -13,16 +14,19 @@ Frame = Float[Array, "3 3"]
 PARALLEL_ROUNDINGS = 4.0
 
 
+@checked
 def translation(offset: Vector3) -> Matrix4:
     """4×4 matrix that adds `offset` (world units) to a point."""
     return jnp.eye(4, dtype=offset.dtype).at[:3, 3].set(offset)
 
 
+@checked
 def scaling(factors: Vector3) -> Matrix4:
     """4×4 matrix that scales each axis by its factor (dimensionless, nonzero)."""
     return jnp.diag(jnp.concatenate([factors, jnp.ones(1, factors.dtype)]))
 
 
+@checked
 def rotation(axis: Vector3, angle: Scalar) -> Matrix4:
     """4×4 matrix of the right-handed rotation by `angle` radians about `axis` (any nonzero length)."""
     x, y, z = normalize(axis)
@@ -32,17 +36,20 @@ def rotation(axis: Vector3, angle: Scalar) -> Matrix4:
     return jnp.eye(4, dtype=axis.dtype).at[:3, :3].set(turned)
 
 
+@checked
 def transform_points(matrix: Matrix4, points: Points) -> Points:
     """Apply an affine 4×4 matrix to points (column-vector convention)."""
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
+@checked
 def unit(vector: Vector3) -> Vector3:
     """Unit vector of any nonzero one, however short or long: its square may leave the range of the dtype."""
     size = lax.stop_gradient(jnp.max(jnp.abs(vector)))
     return normalize(vector / jnp.where(size > 0, size, jnp.ones_like(size)))
 
 
+@checked
 def any_perpendicular(direction: Vector3) -> Vector3:
     """A unit vector perpendicular to `direction`; smooth except where the smallest component changes."""
     direction = unit(direction)
@@ -51,6 +58,7 @@ def any_perpendicular(direction: Vector3) -> Vector3:
     return normalize(jnp.cross(direction, axis))
 
 
+@checked
 def perpendicular_part(direction: Vector3, axis: Vector3) -> tuple[Vector3, Scalar]:
     """Unit vector of the part of a unit `direction` that is perpendicular to a unit `axis`, and sin γ of their angle.
 
@@ -68,6 +76,7 @@ def perpendicular_part(direction: Vector3, axis: Vector3) -> tuple[Vector3, Scal
     return normalize(first - dot(first, axis) * axis), jnp.where(parallel, jnp.zeros_like(sine), sine)
 
 
+@checked
 def angle_between_lines(direction: Vector3, axis: Vector3) -> Scalar:
     """Angle in [0, π/2] between the lines of two unit vectors, to rounding at every angle.
 
@@ -78,6 +87,7 @@ def angle_between_lines(direction: Vector3, axis: Vector3) -> Scalar:
     return jnp.where(angle > jnp.pi / 2, jnp.pi / 2, angle)
 
 
+@checked
 def view_frame(forward: Vector3, up: Vector3) -> Frame:
     """Rows right, up, forward of a right-handed viewer (right = forward × up), orthonormal to rounding.
 
@@ -89,6 +99,7 @@ def view_frame(forward: Vector3, up: Vector3) -> Frame:
     return jnp.stack([right, upward, forward])
 
 
+@checked
 def light_frame(to_light: Vector3, view: Vector3) -> Frame:
     """Rows x, y, z of the light space of the warping chapter, orthonormal to rounding for every pair of directions.
 

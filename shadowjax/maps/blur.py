@@ -1,16 +1,20 @@
 """Separable blurs of any odd size: weights of Gaussian and box, borders, and the sum along both axes of a map."""
 
+from typing import Annotated
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from shadowjax._checks import require, require_choice, require_int
+from shadowjax._checked import checked
+from shadowjax._checks import NOT_NEGATIVE, require, require_choice, require_int
 from shadowjax._types import Array, Float
 from shadowjax.maps.sampling import BORDERS, read_texels
 
 KERNELS = ("gaussian", "box")
 
 
+@checked
 def gaussian_weights(size: int, sigma: float | None = None) -> np.ndarray:
     """Weights of a sampled Gaussian along one axis; they add up to 1.
 
@@ -31,6 +35,7 @@ def gaussian_weights(size: int, sigma: float | None = None) -> np.ndarray:
     return weights / weights.sum()
 
 
+@checked
 def box_weights(size: int) -> np.ndarray:
     """Equal weights along one axis; they add up to 1.
 
@@ -44,12 +49,14 @@ def box_weights(size: int) -> np.ndarray:
     return np.full(size, 1 / size)
 
 
+@checked
 def kernel_weights(kernel: str, size: int, sigma: float | None = None) -> np.ndarray:
     """Weights of a named kernel (`KERNELS`) along one axis."""
     require_choice(kernel, "kernel", KERNELS)
     return box_weights(size) if kernel == "box" else gaussian_weights(size, sigma)
 
 
+@checked
 def kernel_radius(size: int) -> int:
     """(size − 1)/2 of a centred kernel.
 
@@ -61,8 +68,9 @@ def kernel_radius(size: int) -> int:
     return (size - 1) // 2
 
 
+@checked
 def extend(
-    depth: Float[Array, "rows cols"], width: int, border: str, outside: Float[Array, ""]
+    depth: Float[Array, "rows cols"], width: Annotated[int, NOT_NEGATIVE], border: str, outside: Float[Array, ""]
 ) -> Float[Array, "more_rows more_cols"]:
     """The map with `width` more texels on every side.
 
@@ -86,6 +94,7 @@ def extend(
     return jnp.pad(depth, width, constant_values=outside.astype(depth.dtype))
 
 
+@checked
 def blur(planes: Float[Array, "n more_rows more_cols"], weights: np.ndarray) -> Float[Array, "n rows cols"]:
     """Weighted mean along both axes, where the whole kernel fits: the result is `len(weights) − 1` texels smaller.
 

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array, Float, Int
 from shadowjax.maps.sampling import bilinear_weights, fold
@@ -11,7 +12,7 @@ from shadowjax.maps.sampling import bilinear_weights, fold
 Numbers = Float[Array, "*points"]
 
 
-class Pyramid(eqx.Module):
+class Pyramid(Checked):
     """All levels of some maps, one after the other.
 
     Attributes:
@@ -42,6 +43,7 @@ class Pyramid(eqx.Module):
         return self.texels[:, start : start + rows * cols].reshape(-1, rows, cols)
 
 
+@checked
 def mip_chain(planes: Float[Array, "n rows cols"], num_levels: int | None = None) -> Pyramid:
     """Each level the mean of 2 × 2 blocks of the one before; sides of odd length repeat their last texel.
 
@@ -74,6 +76,7 @@ def _halved(planes: Array) -> Array:
     return jnp.mean(blocks, axis=(2, 4))
 
 
+@checked
 def mip_level(footprint: Float[Array, "*points 2 2"]) -> Numbers:
     """λ = log₂ ρ, with ρ the longer of the pixel's two sides on the map in texels; at least 0.
 
@@ -88,6 +91,7 @@ def mip_level(footprint: Float[Array, "*points 2 2"]) -> Numbers:
     return 0.5 * jnp.log2(jnp.maximum(square, 1.0))
 
 
+@checked
 def read_trilinear(
     pyramid: Pyramid, position: Float[Array, "*points 2"], level: Numbers, border: str = "clamp"
 ) -> list[Numbers]:
@@ -130,6 +134,7 @@ def _read_level(pyramid: Pyramid, position: Array, level: Int[Array, "*points"],
     return results
 
 
+@checked
 def footprint_axes(footprint: Float[Array, "*points 2 2"]) -> tuple[Float[Array, "*points 2"], Numbers, Numbers]:
     """The ellipse that a pixel's footprint makes of a circle.
 
@@ -156,6 +161,7 @@ def footprint_axes(footprint: Float[Array, "*points 2 2"]) -> tuple[Float[Array,
     return jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=-1), longer, jnp.abs(determinant) / longer
 
 
+@checked
 def read_anisotropic(
     pyramid: Pyramid,
     position: Float[Array, "*points 2"],

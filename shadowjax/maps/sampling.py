@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._checks import require_choice
 from shadowjax._types import Array, Bool, Float, Int
 from shadowjax.rays.ray import far_away
@@ -11,6 +12,7 @@ from shadowjax.rays.ray import far_away
 BORDERS = ("lit", "clamp", "octahedral")
 
 
+@checked
 def read_texels(
     planes: Float[Array, "n rows cols"],
     col: Int[Array, "*points"],
@@ -44,6 +46,7 @@ def read_texels(
     return values
 
 
+@checked
 def fold(col: Array, row: Array, num_cols: int | Array, num_rows: int | Array) -> tuple[Array, Array]:
     """Texel inside an octahedral map that continues a texel just outside: beyond an edge the square is turned over."""
     over_side = (col < 0) | (col >= num_cols)
@@ -55,11 +58,13 @@ def fold(col: Array, row: Array, num_cols: int | Array, num_rows: int | Array) -
     return col, row
 
 
+@checked
 def texel_index(position: Float[Array, "*points"]) -> Int[Array, "*points"]:
     """Index of the texel that a position (in texels, centres at +½) lies in; far positions stay finite integers."""
     return jnp.floor(jnp.clip(position, -1e9, 1e9)).astype(jnp.int32)
 
 
+@checked
 def read_nearest(
     planes: Float[Array, "n rows cols"], position: Float[Array, "*points 2"], border: str = "lit"
 ) -> Float[Array, "n *points"]:
@@ -74,6 +79,7 @@ def read_nearest(
     return jnp.stack(read_texels(planes, col, row, border))
 
 
+@checked
 def bilinear_weights(
     position: Float[Array, "*points 2"],
 ) -> tuple[Int[Array, "*points"], Int[Array, "*points"], Float[Array, "*points"], Float[Array, "*points"]]:
@@ -88,6 +94,7 @@ def bilinear_weights(
     return index[..., 0], index[..., 1], fraction[..., 0], fraction[..., 1]
 
 
+@checked
 def read_bilinear(
     planes: Float[Array, "n rows cols"], position: Float[Array, "*points 2"], border: str = "clamp"
 ) -> Float[Array, "n *points"]:
@@ -101,6 +108,7 @@ def read_bilinear(
     return jnp.stack(read_bilinear_apart(planes, position, border))
 
 
+@checked
 def read_bilinear_apart(
     planes: Float[Array, "n rows cols"],
     position: Float[Array, "*points 2"],
@@ -126,6 +134,7 @@ def read_bilinear_apart(
     return results
 
 
+@checked
 def is_outside(position: Float[Array, "*points 2"], num_rows: int, num_cols: int) -> Bool[Array, "*points"]:
     """Whether a position (in texels) lies beyond the map."""
     x, y = position[..., 0], position[..., 1]

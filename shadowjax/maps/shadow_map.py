@@ -2,6 +2,7 @@
 
 import equinox as eqx
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require_choice
 from shadowjax._types import Array, Float, Int
 from shadowjax.geometry.mesh import Mesh
@@ -13,7 +14,7 @@ from shadowjax.rays.light_space import OctahedralSpace
 from shadowjax.rays.ray_grid import RayGrid
 
 
-class ShadowMap(eqx.Module):
+class ShadowMap(Checked):
     """Depth seen from a light.
 
     Attributes:
@@ -35,6 +36,7 @@ class ShadowMap(eqx.Module):
         return "octahedral" if isinstance(self.grid.space, OctahedralSpace) else "lit"
 
 
+@checked
 @eqx.filter_jit
 def build_shadow_map(caster: Caster, mesh: Mesh, grid: RayGrid, layer: str = "first") -> ShadowMap:
     """Cast one ray through each texel's centre.
@@ -68,6 +70,7 @@ def build_shadow_map(caster: Caster, mesh: Mesh, grid: RayGrid, layer: str = "fi
     return ShadowMap(grid, 0.5 * (first.depth + second.depth), first.face)
 
 
+@checked
 def build_covered_map(caster: Caster, mesh: Mesh, grid: RayGrid, edges: MeshEdges) -> ShadowMap:
     """A map that knows where outlines cross its texels, so that averages over texels move as outlines do.
 

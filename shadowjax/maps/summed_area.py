@@ -1,16 +1,16 @@
 """Summed-area tables that keep precision: the mean over any box from sixteen reads, also in float32 and at 4096²."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from shadowjax._checked import Checked, checked
 from shadowjax._types import Array, Float, Int
 
 # A number as an unevaluated sum of two of the dtype: about twice its digits.
 Pair = tuple[Array, Array]
 
 
-class SummedArea(eqx.Module):
+class SummedArea(Checked):
     """Sums of all texels above and to the left, as pairs whose sum counts; the first row and column are 0.
 
     Attributes:
@@ -40,6 +40,7 @@ def _subtract(a: Pair, b: Pair) -> Pair:
     return _add(a, (-b[0], -b[1]))
 
 
+@checked
 def summed_area_table(planes: Float[Array, "n rows cols"]) -> SummedArea:
     """Sums over all boxes that start at the first texel, each kept as two numbers.
 
@@ -58,6 +59,7 @@ def summed_area_table(planes: Float[Array, "n rows cols"]) -> SummedArea:
     return SummedArea(high, low)
 
 
+@checked
 def box_sum(
     table: SummedArea,
     lower: tuple[Int[Array, "*points"], Int[Array, "*points"]],
@@ -82,6 +84,7 @@ def _entry(table: SummedArea, col: Array, row: Array) -> Pair:
     return table.high.reshape(num_planes, -1)[:, index], table.low.reshape(num_planes, -1)[:, index]
 
 
+@checked
 def read_box_mean(
     table: SummedArea, position: Float[Array, "*points 2"], size: Float[Array, "*points 2"]
 ) -> list[Float[Array, "*points"]]:

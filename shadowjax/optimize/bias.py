@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_choice, require_int
 from shadowjax._types import Array, Float
 from shadowjax.analysis.acne import needed_bias
@@ -21,6 +22,7 @@ UNITS = ("world", "texel", "slope", "normal")
 ROUNDS = 3  # of the grid: each looks closer round the best value of the one before
 
 
+@checked
 @dataclass(frozen=True)
 class BestBias:
     """The bias of least error, and what it is compared with.
@@ -54,6 +56,7 @@ class BestBias:
         return {**asdict(self), "values": list(self.values), "errors": list(self.errors)}
 
 
+@checked
 def rule_of(unit: str, value: Float[Array, ""]) -> BiasRule:
     """The rule of a unit with one number."""
     return NormalOffset(value, "texel", True) if unit == "normal" else Bias(value, unit)
@@ -70,6 +73,7 @@ def _errors(shadows: MappedShadows, viewed: Viewed, unit: str, values: Float[Arr
     return jax.lax.map(one, values)
 
 
+@checked
 def best_bias(views: tuple[Viewed, ...], filter_: Filter, unit: str = "slope", num_values: int = 17) -> BestBias:
     """Search the bias of least error over scenes.
 

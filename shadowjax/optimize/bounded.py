@@ -2,17 +2,17 @@
 
 from collections.abc import Callable, Iterable
 
-import equinox as eqx
 import numpy as np
 from scipy.optimize import minimize
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int
 from shadowjax._types import ArrayLike
 
 ValueAndSlope = Callable[[np.ndarray], tuple[ArrayLike, ArrayLike]]
 
 
-class Lowest(eqx.Module):
+class Lowest(Checked):
     """The best of several searches, and how each of them ended.
 
     Attributes:
@@ -46,6 +46,7 @@ class Lowest(eqx.Module):
         return int((self.losses <= self.loss + within).sum())
 
 
+@checked
 def lowest(
     value_and_slope: ValueAndSlope,
     starts: Iterable[ArrayLike],

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int
 from shadowjax._numerics import normalize
 from shadowjax._types import Array, ArrayLike, Float, Points, Scalar
@@ -43,7 +44,7 @@ SUN_RAYS = 12  # directions that stand for the sun's disc
 PATTERN = np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), axis=-1).reshape(-1, 2)
 
 
-class Settings(eqx.Module):
+class Settings(Checked):
     """What is chosen for one map.
 
     Attributes:
@@ -94,7 +95,7 @@ class BentFit(WarpFit):
         return PerspectiveWarp.fit(points, self.bend / (1 - self.bend) / extent, axis)
 
 
-class ExpectedError(eqx.Module):
+class ExpectedError(Checked):
     """What the error of a map with any settings is computed from.
 
     Attributes:
@@ -261,6 +262,7 @@ def _truth(view: View, scene: Scene, light: DirectionalLight, radius: float, cas
     return total / count
 
 
+@checked
 @eqx.filter_jit
 def error_and_slope(expected: ExpectedError, numbers: ArrayLike) -> tuple[Array, Array]:
     """ln of the expected error at bend, bias and width, and its slope."""

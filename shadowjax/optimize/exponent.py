@@ -8,6 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax._checks import require_choice, require_int
 from shadowjax.analysis.limits import largest_exponent
 from shadowjax.filters.base import Filter
@@ -20,6 +21,7 @@ from shadowjax.filters.variance import Variance
 from shadowjax.optimize.viewed import Viewed, error_of
 
 
+@checked
 @dataclass(frozen=True)
 class Knob:
     """One number of a filter that is searched.
@@ -49,6 +51,7 @@ class Knob:
         return float(round(moved)) if self.whole else moved
 
 
+@checked
 @dataclass(frozen=True)
 class Family:
     """A filter with numbers to search.
@@ -96,6 +99,7 @@ FAMILIES: dict[str, Family] = {
 }  # fmt: skip
 
 
+@checked
 @dataclass(frozen=True)
 class BestNumbers:
     """What a search over a family found.
@@ -129,11 +133,13 @@ class BestNumbers:
         return {**vars(self), "at_bound": list(self.at_bound), "tried": [[list(v), e] for v, e in self.tried]}
 
 
+@checked
 def mean_error(views: tuple[Viewed, ...], filter_: Filter) -> float:
     """Root mean square over scenes of a filter's error, with its default bias."""
     return float(np.sqrt(np.mean([float(error_of(view.read(filter_), view)) ** 2 for view in views])))
 
 
+@checked
 def best_numbers(
     views: tuple[Viewed, ...],
     family: str,

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array, ArrayLike, Float
 
@@ -16,7 +17,7 @@ DAMPING, LOWER, RAISE, STUCK = 1e-2, 0.2, 6.0, 1e10
 Residual = Callable[[Float[Array, "parameters"]], Float[Array, "residuals"]]
 
 
-class Recovered(eqx.Module):
+class Recovered(Checked):
     """What a search found, and whether it is an end.
 
     Attributes:
@@ -40,6 +41,7 @@ class Recovered(eqx.Module):
     tried: int
 
 
+@checked
 @eqx.filter_jit
 def linearized(residual: Residual, parameters: Float[Array, "parameters"]) -> tuple[Array, Array]:
     """Residuals and their derivative in every parameter, forward mode: one program for each `residual`.
@@ -51,6 +53,7 @@ def linearized(residual: Residual, parameters: Float[Array, "parameters"]) -> tu
     return found, jax.lax.map(forward, jnp.eye(parameters.shape[0], dtype=parameters.dtype)).T
 
 
+@checked
 def recover(
     residual: Residual,
     starts: Iterable[ArrayLike],

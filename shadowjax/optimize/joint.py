@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import minimize, nnls
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice, require_int
 from shadowjax._types import Array, ArrayLike, Float
 from shadowjax.optimize.splits import WARPS
@@ -22,7 +23,7 @@ RANDOM_STARTS = 16
 ACTIVE = 1e-6  # slack of a constraint, in ln, below which it counts as active
 
 
-class JointCertificate(eqx.Module):
+class JointCertificate(Checked):
     """Why the planes and near distances are optimal.
 
     Attributes:
@@ -49,7 +50,7 @@ class JointCertificate(eqx.Module):
     starts: int
 
 
-class JointSplits(eqx.Module):
+class JointSplits(Checked):
     """The best planes and near distances of a view and a light.
 
     Attributes:
@@ -87,6 +88,7 @@ def _distances(parts: LightFrustum, bend: Array, warp: str, section: Section) ->
     return parts.bounded(parts.extent * (1 - bend) / bend)
 
 
+@checked
 def log_storages(frustum: LightFrustum, near_distance: Array, section: Section) -> Float[Array, "slices 8"]:
     """ln of the eight smooth functions whose largest is a slice's S: near or far worst point for x and z, and width.
 
@@ -109,6 +111,7 @@ def log_storages(frustum: LightFrustum, near_distance: Array, section: Section) 
     return jnp.stack(out, axis=-1)
 
 
+@checked
 def log_jumps(parts: LightFrustum, distance: Array) -> Float[Array, "cuts 2"]:
     """ln of the error after over the error before each cut, for m_x and m_z on the view axis, of similar slices."""
 
@@ -167,6 +170,7 @@ def _starts(view: LightFrustum, k: int, limit: float, limited: bool, free: bool)
             yield span * (0.9 * shares + 0.1 / k), rng.uniform(0.02, 0.98, k)
 
 
+@checked
 def joint_splits(
     near: ArrayLike,
     far: ArrayLike,

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import optimistix as optx
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require_choice
 from shadowjax._types import Array, ArrayLike, Float
 from shadowjax.warps.light_frustum import SECTIONS, LightFrustum, Section
@@ -29,7 +30,7 @@ OBJECTIVES: dict[str, tuple[Objective, Callable[[LightFrustum, Section], Array]]
 STEPS = 80  # halvings of a bracket of at most 60 in ln n': finer than float64
 
 
-class Certificate(eqx.Module):
+class Certificate(Checked):
     """Why a near distance is optimal, as numbers a reader can check.
 
     Attributes:
@@ -52,7 +53,7 @@ class Certificate(eqx.Module):
     excess: Float[Array, "..."]
 
 
-class NearDistance(eqx.Module):
+class NearDistance(Checked):
     """The best n' of a view and a light.
 
     Attributes:
@@ -79,6 +80,7 @@ def _plain(value: Array) -> Any:
     return value.tolist()
 
 
+@checked
 def search(frustum: LightFrustum, objective: str = "z", section: Section = "axis") -> Float[Array, ""]:
     """n' of one frustum by bisecting the sign of the objective's derivative; no closed form is used.
 
@@ -107,6 +109,7 @@ def _log_error(value: Objective, frustum: LightFrustum, section: Section) -> Cal
     return lambda x: jnp.log(value(frustum, jnp.exp(x), section))
 
 
+@checked
 def solve(frustum: LightFrustum, objective: str = "z", section: Section = "axis") -> NearDistance:
     """Search and certificate of one frustum; `jit` and `vmap` it for many."""
     value, closed = OBJECTIVES[objective]
@@ -138,6 +141,7 @@ def _solve_all(frustum: LightFrustum, objective: str, section: Section) -> NearD
     return jax.tree.map(lambda x: x.reshape(shape), found)
 
 
+@checked
 def near_distance(
     near: ArrayLike,
     far: ArrayLike,

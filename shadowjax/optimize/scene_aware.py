@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import optimistix as optx
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice, require_int
 from shadowjax._numerics import safe_divide
 from shadowjax._types import Array, Float, Scalar
@@ -30,7 +31,7 @@ from shadowjax.warps.strength import least_worst_strength
 BENDS = 129  # bends W/(n' + W) tried before the optimum is polished
 
 
-class SeenNearDistance(eqx.Module):
+class SeenNearDistance(Checked):
     """The best n' of one map for a view.
 
     Attributes:
@@ -54,6 +55,7 @@ class SeenNearDistance(eqx.Module):
     uniform: Array
 
 
+@checked
 @eqx.filter_jit
 def near_distance_for_view(pixels: SeenPixels, objective: str = "mean") -> SeenNearDistance:
     """The n' of one map that is best for the pixels a camera sees.
@@ -128,7 +130,7 @@ def _least(function: Any, dtype: Any) -> Array:
     return jnp.where(inside & better, found, start)
 
 
-class SeenSplits(eqx.Module):
+class SeenSplits(Checked):
     """The best planes of k maps for a view.
 
     Attributes:
@@ -148,6 +150,7 @@ class SeenSplits(eqx.Module):
     coarser: Scalar
 
 
+@checked
 @eqx.filter_jit
 def splits_for_view(pixels: SeenPixels, num_partitions: int, num_bins: int = 64) -> SeenSplits:
     """The planes and n' of k slices that are best for the pixels a camera sees, by exhaustive search over a grid.

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require
 from shadowjax._numerics import dot, norm, safe_divide
 from shadowjax._types import Array, Float, Scalar, Vector2
@@ -27,7 +28,7 @@ from shadowjax.warps.light_frustum import LightFrustum
 STEEPEST = 16.0  # largest projection error that counts: beyond, the surface hardly catches light
 
 
-class SeenPixels(eqx.Module):
+class SeenPixels(Checked):
     """What the camera sees where shadows matter, as the light sees it.
 
     Attributes:
@@ -47,6 +48,7 @@ class SeenPixels(eqx.Module):
     weight: Float[Array, "pixels"]
 
 
+@checked
 @eqx.filter_jit
 def seen_pixels(surface: Surface, camera: Camera, light: Light, projection: bool = False) -> SeenPixels:
     """Depth buffer and weights of a view.
@@ -104,6 +106,7 @@ class Chart(NamedTuple):
     pixel: Array
 
 
+@checked
 def chart_between(pixels: SeenPixels, near: Float[Array, "*batch"], far: Float[Array, "*batch"]) -> Chart:
     """The map of every pair of depths."""
     corners = jnp.concatenate([near[..., None, None] * pixels.edges, far[..., None, None] * pixels.edges], axis=-2)
@@ -115,12 +118,14 @@ def chart_between(pixels: SeenPixels, near: Float[Array, "*batch"], far: Float[A
     return Chart(lowest, jnp.max(along, axis=-1), along, across - middle[..., None], pixel)
 
 
+@checked
 def moments(pixels: SeenPixels) -> Float[Array, "4 pixels"]:
     """w·rise^j/z² of every pixel, j = 0 … 3."""
     base = pixels.weight / pixels.depth**2
     return jnp.stack([base, base * pixels.rise, base * pixels.rise**2, base * pixels.rise**3])
 
 
+@checked
 def total_error(sums: Float[Array, "4 *batch"], chart: Chart, strength: Array) -> Array:
     """Σ w·m of pixels with given moments about the eye, through a map of a given strength."""
     low = chart.lowest
@@ -136,6 +141,7 @@ def total_error(sums: Float[Array, "4 *batch"], chart: Chart, strength: Array) -
     return width * chart.extent / (1 + chart.extent * strength) / chart.pixel * cubic
 
 
+@checked
 def mean_error(pixels: SeenPixels, near_distance: Scalar) -> Scalar:
     """Pixels that a texel covers, m_x·m_z at equal resolutions, averaged over the seen pixels by weight.
 

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import optimistix as optx
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require_choice, require_int
 from shadowjax._types import Array, ArrayLike, Float
 from shadowjax.warps import lispsm
@@ -24,7 +25,7 @@ WARPS = {
 SHARPNESS = 400.0  # exponent of the power mean that stands for the maximum while it is minimised
 
 
-class SplitCertificate(eqx.Module):
+class SplitCertificate(Checked):
     """Why the planes are optimal.
 
     Attributes:
@@ -43,7 +44,7 @@ class SplitCertificate(eqx.Module):
     starts: int = eqx.field(static=True)
 
 
-class Splits(eqx.Module):
+class Splits(Checked):
     """The best planes of a view and a light.
 
     Attributes:
@@ -124,6 +125,7 @@ def _search(frustum: LightFrustum, k: int, objective: str, warp: str, section: S
     return Splits(planes, storage, certificate)
 
 
+@checked
 def splits(
     near: ArrayLike,
     far: ArrayLike,

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice, require_value
 from shadowjax._types import Array, ArrayLike, Float, as_float_array
 from shadowjax.warps.light_frustum import SECTIONS, LightFrustum, Section
@@ -14,7 +15,7 @@ from shadowjax.warps.minimax import balanced, least_storage, minimax
 from shadowjax.warps.prediction import max_error_x, max_error_z, storage_factor
 
 
-class Sweep(eqx.Module):
+class Sweep(Checked):
     """Errors and storage at every combination; all arrays have the shape (γ, f/n, φ, k).
 
     Attributes:
@@ -65,6 +66,7 @@ def _all(points: Float[Array, "points 4"], section: Section) -> Sweep:
     return jax.vmap(lambda p: _one(p[0], p[1], p[2], p[3], section))(points)
 
 
+@checked
 def sweep(
     gammas: ArrayLike, ratios: ArrayLike, phis: ArrayLike, num_partitions: ArrayLike, section: str = "axis"
 ) -> Sweep:
@@ -99,6 +101,7 @@ def sweep(
     return jax.tree.map(lambda x: x[: len(points)].reshape(shape), found)
 
 
+@checked
 def laid_out(rows: ArrayLike) -> Array:
     """Rows padded with copies of the first to a multiple of the number of devices, and split between them."""
     rows, devices = as_float_array(rows), np.asarray(jax.devices())

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_choice, require_int
 from shadowjax._types import Array, Float
 from shadowjax.filters.chosen_depths import Cells, Ranks, neighbourhood_cells, ranked
@@ -20,6 +21,7 @@ from shadowjax.optimize.viewed import Viewed
 CANDIDATES = ("ranks", "cells")
 
 
+@checked
 @dataclass(frozen=True)
 class BestDepths:
     """The extra depths of least error, and the published choices beside them.
@@ -75,6 +77,7 @@ def _stacked(depth: Float[Array, "rows cols"], cells: list[tuple[int, int]]) -> 
     return jnp.stack([shifted(depth, *cell) for cell in cells])
 
 
+@checked
 def set_errors(
     visibilities: Float[np.ndarray, "planes points"], view: Viewed, sets: list[tuple[int, ...]]
 ) -> Float[np.ndarray, "sets"]:
@@ -92,6 +95,7 @@ def set_errors(
     return np.array(errors)
 
 
+@checked
 def best_depths(
     views: tuple[Viewed, ...],
     test_views: tuple[Viewed, ...],
@@ -150,6 +154,7 @@ def _published(candidates: str, depths: int) -> dict[str, tuple[int, ...]]:
     return {"ring": tuple(sorted(1 + cells.index(offset) for offset in ring_offsets(depths)))}
 
 
+@checked
 @dataclass(frozen=True)
 class BestTaps:
     """Learned offsets of bilinear PCF taps.
@@ -191,6 +196,7 @@ def _taps_error(offsets: Float[Array, "taps 2"], views: tuple[Viewed, ...], exte
     return total / len(views)
 
 
+@checked
 def best_taps(
     views: tuple[Viewed, ...], test_views: tuple[Viewed, ...], kernel_size: int = 2, steps: int = 24
 ) -> BestTaps:

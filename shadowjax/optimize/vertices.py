@@ -4,9 +4,9 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import numpy as np
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int
 from shadowjax._types import Float, Int
 
@@ -16,7 +16,7 @@ MEAN, SQUARE, SETTLED = 0.8, 0.95, 0.05
 ValueAndSlope = Callable[[np.ndarray], tuple[float, Any, np.ndarray]]
 
 
-class Descent(eqx.Module):
+class Descent(Checked):
     """A descent, and whether it came to an end.
 
     Attributes:
@@ -42,6 +42,7 @@ class Descent(eqx.Module):
         return float(self.losses[0] / max(self.losses[-1], np.finfo(np.float64).tiny))
 
 
+@checked
 def diffuser(faces: Int[np.ndarray, "faces 3"], num_vertices: int, amount: float) -> Float[np.ndarray, "n n"]:
     """(1 + λL)⁻¹ of the mesh's graph: spreads a change over neighbours, keeps the change of all by the same.
 
@@ -62,6 +63,7 @@ def diffuser(faces: Int[np.ndarray, "faces 3"], num_vertices: int, amount: float
     return np.linalg.inv(np.eye(num_vertices) + amount * laplacian)
 
 
+@checked
 def descend(
     value_and_slope: ValueAndSlope,
     start: Float[np.ndarray, "n 3"],

@@ -6,6 +6,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require
 from shadowjax._types import Array, Bool, Float, Points
 from shadowjax.analysis.compare import look
@@ -22,7 +23,7 @@ from shadowjax.techniques import MappedShadows, ShadowMapping
 OBJECTIVES = ("light", "visibility")
 
 
-class Viewed(eqx.Module):
+class Viewed(Checked):
     """Receivers of one view with the truth about them, and a cast map that any filter can read.
 
     Attributes:
@@ -56,18 +57,21 @@ class Viewed(eqx.Module):
         return jnp.sqrt(jnp.sum(self.weight * (visibility - self.exact) ** 2))
 
 
+@checked
 @eqx.filter_jit
 def visibility_of(shadows: MappedShadows, viewed: Viewed) -> Float[Array, "points"]:
     """What built maps answer for the receivers of a view."""
     return shadows.visibility(viewed.points, viewed.normals)
 
 
+@checked
 @eqx.filter_jit
 def error_of(shadows: MappedShadows, viewed: Viewed) -> Float[Array, ""]:
     """Error of built maps over a view; one compiled program for each kind of filter."""
     return viewed.error(shadows.visibility(viewed.points, viewed.normals))
 
 
+@checked
 def view_scene(
     scene: Scene | str,
     width: int = 160,
@@ -108,6 +112,7 @@ def view_scene(
     )  # fmt: skip
 
 
+@checked
 def view_scenes(names: Sequence[Scene | str], **options: Any) -> tuple[Viewed, ...]:
     """`view_scene` of each; at least one."""
     require(len(names) > 0, "give at least one scene")

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array, Bool, Float, Int, UInt
 from shadowjax.geometry.mesh import Mesh
@@ -44,7 +45,7 @@ class Texels(NamedTuple):
     centre: Float[Array, "*points 2"]
 
 
-class AdaptiveMap(eqx.Module):
+class AdaptiveMap(Checked):
     """Tiles of one size from several levels of a quadtree, in slots.
 
     Attributes:
@@ -144,6 +145,7 @@ def _stored(
     return depth.at[slots].set(cast_depth, mode="drop"), kept
 
 
+@checked
 def empty_map(
     grid: RayGrid,
     budget_bytes: int,
@@ -181,6 +183,7 @@ def empty_map(
     return AdaptiveMap(grid, depth, polygon, PageTable.of(np.asarray(store.keys)), store)
 
 
+@checked
 def straddles(
     map_: AdaptiveMap,
     square: Float[Array, "*points 2"],

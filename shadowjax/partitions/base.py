@@ -1,9 +1,9 @@
 """What a partition is: several grids of light rays, and the rule that chooses one or mixes some for each point."""
 
 from abc import abstractmethod
+from typing import ClassVar
 
-import equinox as eqx
-
+from shadowjax._checked import Checked
 from shadowjax._types import Array, Float, Int, Points
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
@@ -11,8 +11,10 @@ from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.ray_grid import RayGrid
 
 
-class Partition(eqx.Module):
+class Partition(Checked):
     """Splits what a light must cover into regions, each with a shadow map of its own."""
+
+    _remedy_: ClassVar = "make_partition(name) makes one; or give Whole(), ZSplit(4), Faces() or Cube()"
 
     def placed(self, mesh: Mesh, light: Light, camera: Camera) -> "Partition":
         """This partition with what it reads off the scene and the view fixed; itself where there is nothing to fix.

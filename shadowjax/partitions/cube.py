@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array, Float, Int, Points, Vector3
 from shadowjax.geometry.camera import Camera
@@ -81,6 +82,7 @@ class Cube(Partition):
         return face_of(points - _position(grids))
 
 
+@checked
 def face_frames(dtype: Any) -> tuple[Float[Array, "3 3"], ...]:
     """Right, up and forward of each face, in the order of `NAMES`: the axes of the world themselves.
 
@@ -95,6 +97,7 @@ def face_frames(dtype: Any) -> tuple[Float[Array, "3 3"], ...]:
     return tuple(jnp.asarray(frame, dtype) for frame in frames)
 
 
+@checked
 def face_of(directions: Float[Array, "*points 3"]) -> Int[Array, "*points"]:
     """Index into `NAMES` of the face of a cube that a direction points through; on an edge the earlier axis.
 

@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._checks import require
 from shadowjax._numerics import dot, safe_divide
 from shadowjax._types import Array, Bool, Float, Int, Points, Scalar, Vector2
@@ -81,6 +82,7 @@ class Faces(Partition):
         return jnp.argmax(jnp.stack(inside), axis=0).astype(jnp.int32)
 
 
+@checked
 def faces_that_apply(camera: Camera, light: DirectionalLight) -> Bool[Array, "4"]:
     """Which sides of the frustum get a map that is read, in the order of `NAMES`.
 
@@ -92,6 +94,7 @@ def faces_that_apply(camera: Camera, light: DirectionalLight) -> Bool[Array, "4"
     return _applies(light_space(light, camera.forward, zero, zero + 1), camera)
 
 
+@checked
 def face_near_distance(low: Numbers, start: Numbers, length: Numbers, near: Numbers, far: Numbers) -> Numbers:
     """n' of least worst z error of a side face, counted from its map's lowest line.
 
@@ -117,6 +120,7 @@ def face_near_distance(low: Numbers, start: Numbers, length: Numbers, near: Numb
     return jnp.minimum(jnp.maximum(equalising, minimum), largest)
 
 
+@checked
 def face_warp(
     space: LightSpace, camera: Camera, near: Scalar, far: Scalar, face: int, applies: Bool[Array, ""]
 ) -> PerspectiveWarp:
@@ -150,6 +154,7 @@ def face_warp(
     return skewed_warp(corners, 1 / distance, axis, apex, (first + last) / 2)
 
 
+@checked
 def skewed_warp(
     points: Float[Array, "points 2"], strength: Scalar, axis: Vector2, apex: Vector2, middle: Vector2
 ) -> PerspectiveWarp:

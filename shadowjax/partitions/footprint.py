@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._numerics import dot, norm, safe_sqrt
 from shadowjax._types import Array, Float, Points, Scalar
 from shadowjax.rays.ray_grid import RayGrid, pixel_footprint
@@ -13,6 +14,7 @@ Span = Float[Array, "*points"]
 LEAST_COSINE = 0.0174524064372835
 
 
+@checked
 def on_surface(grid: RayGrid, points: Points, normals: Points) -> tuple[Points, Points]:
     """World vectors over a receiver's plane for one column and one row of a grid, of a camera or a light.
 
@@ -28,6 +30,7 @@ def on_surface(grid: RayGrid, points: Points, normals: Points) -> tuple[Points, 
     return first, second
 
 
+@checked
 def singular_values(matrix: Float[Array, "*points 2 2"]) -> tuple[Span, Span]:
     """Larger and smaller singular value of 2 × 2 matrices, from norm and determinant; finite gradients."""
     square = jnp.sum(matrix * matrix, axis=(-1, -2))
@@ -38,17 +41,20 @@ def singular_values(matrix: Float[Array, "*points 2 2"]) -> tuple[Span, Span]:
     return larger, twice / 2 / jnp.where(larger > 0, larger, jnp.ones_like(larger))
 
 
+@checked
 def narrowest(view: RayGrid, grid: RayGrid, points: Points, normals: Points) -> Span:
     """Texels across a pixel's footprint where it is shortest: no direction is coarser than asked."""
     return singular_values(pixel_footprint(view, grid, points, normals))[1]
 
 
+@checked
 def by_area(view: RayGrid, grid: RayGrid, points: Points, normals: Points) -> Span:
     """Root of the texels in a pixel's footprint: right on average, too coarse across a stretched footprint."""
     larger, smaller = singular_values(pixel_footprint(view, grid, points, normals))
     return safe_sqrt(larger * smaller)
 
 
+@checked
 def mip_value(length: Span, finest: Scalar) -> Span:
     """What a texture of mip levels labelled 1, 2, 3, … reads for a pixel of some length: a level, not an area.
 
@@ -64,6 +70,7 @@ def mip_value(length: Span, finest: Scalar) -> Span:
     return 1 + jnp.log2(jnp.maximum(length / finest, 1))
 
 
+@checked
 def by_mip_levels(view: RayGrid, grid: RayGrid, points: Points, normals: Points) -> Span:
     """Texels across a pixel by the source's estimate: two mip levels read, one from the camera and one from the light.
 

@@ -1,9 +1,9 @@
 """The page table of an adaptive map: which tile answers at a position, in arrays of fixed size, found under jit."""
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import Checked
 from shadowjax._checks import require
 from shadowjax._types import Array, Float, Int
 from shadowjax.partitions.tile_tree import END, place_of, span_of
@@ -14,7 +14,7 @@ INTERVAL_BYTES = 8
 TILE_BYTES = 2 * INTERVAL_BYTES
 
 
-class PageTable(eqx.Module):
+class PageTable(Checked):
     """The finest resident tile at every place, as intervals of the Z-order curve.
 
     Along the curve a tile of a quadtree is an interval, and the intervals of two tiles are nested or apart. "The finest

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax._types import Float, Int
 from shadowjax.partitions.tile_tree import MAX_LEVEL, deinterleaved
 
@@ -26,6 +27,7 @@ class Wishes(NamedTuple):
     ratio: Float[np.ndarray, "tiles"]
 
 
+@checked
 def refinement_cost(num_required: np.ndarray | int, per_texel: float, fixed: float) -> np.ndarray | float:
     """a·N_required + b: the cost of refining a cell.
 
@@ -39,6 +41,7 @@ def refinement_cost(num_required: np.ndarray | int, per_texel: float, fixed: flo
     return per_texel * num_required + fixed
 
 
+@checked
 def wishes(
     place: Int[np.ndarray, "pixels"],
     cell: Int[np.ndarray, "pixels"],

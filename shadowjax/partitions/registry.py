@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from shadowjax._checked import checked
 from shadowjax._checks import require_choice
 from shadowjax.partitions.base import Partition
 from shadowjax.partitions.cube import Cube
@@ -21,6 +22,7 @@ PARTITIONS: dict[str, Callable[[], Partition]] = {
 }
 
 
+@checked
 def make_partition(name: str) -> Partition:
     """A partition by its registered name.
 

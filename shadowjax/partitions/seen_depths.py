@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._checks import require_choice, require_int
 from shadowjax._types import Array, Bool, Float, Scalar
 from shadowjax.geometry.camera import Camera
@@ -14,6 +15,7 @@ RULES = ("seen", "quantile", "histogram")
 NUM_BINS = 256  # of the histogram, equal in ln z
 
 
+@checked
 def seen_depths(
     mesh: Mesh, camera: Camera, caster: Caster, num_rows: int
 ) -> tuple[Float[Array, "rows cols"], Bool[Array, "rows cols"]]:
@@ -35,6 +37,7 @@ def seen_depths(
     return jax.lax.stop_gradient(jnp.clip(depth, camera.near, camera.far)), seen
 
 
+@checked
 def seen_range(
     depth: Float[Array, "..."], seen: Bool[Array, "..."], near: Scalar, far: Scalar, margin: float = 0.0
 ) -> tuple[Scalar, Scalar]:
@@ -54,6 +57,7 @@ def seen_range(
     return jnp.where(some, low, near), jnp.where(some, high, far)
 
 
+@checked
 def seen_splits(
     depth: Float[Array, "..."],
     seen: Bool[Array, "..."],

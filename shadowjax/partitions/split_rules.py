@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_int, require_value
 from shadowjax._types import Array, ArrayLike, Float, as_float_array
 
@@ -25,12 +26,14 @@ def _ends(splits: Array, near: Array, far: Array) -> Splits:
     return splits.at[..., 0].set(near[..., 0]).at[..., -1].set(far[..., 0])
 
 
+@checked
 def uniform_splits(near: ArrayLike, far: ArrayLike, num_partitions: int) -> Splits:
     """Slices of equal depth: k + 1 planes from n to f."""
     near, far, step = _range(near, far, num_partitions)
     return _ends(near + (far - near) * step, near, far)
 
 
+@checked
 def logarithmic_splits(near: ArrayLike, far: ArrayLike, num_partitions: int) -> Splits:
     """Slices of equal ratio f_i/n_i, so similar to each other: n(f/n)^(i/k).
 
@@ -51,6 +54,7 @@ def logarithmic_splits(near: ArrayLike, far: ArrayLike, num_partitions: int) -> 
     return _ends(near * (far / near) ** step, near, far)
 
 
+@checked
 def practical_splits(near: ArrayLike, far: ArrayLike, num_partitions: int, weight: ArrayLike = 0.5) -> Splits:
     """weight · logarithmic + (1 − weight) · uniform splits.
 
@@ -70,6 +74,7 @@ def practical_splits(near: ArrayLike, far: ArrayLike, num_partitions: int, weigh
     return uniform + weight * (logarithmic - uniform)
 
 
+@checked
 def given_splits(near: ArrayLike, far: ArrayLike, shares: ArrayLike) -> Splits:
     """Cuts at given shares of the range: n + s·(f − n), as engines state them.
 
@@ -88,6 +93,7 @@ def given_splits(near: ArrayLike, far: ArrayLike, shares: ArrayLike) -> Splits:
     return _ends(near + (far - near) * given, near, far)
 
 
+@checked
 def splits_after(near: ArrayLike, first: ArrayLike, far: ArrayLike, num_partitions: int) -> Splits:
     """A first cut at a given depth and equal ratios beyond it; equal ratios throughout if it lies outside the range.
 
@@ -110,6 +116,7 @@ def splits_after(near: ArrayLike, first: ArrayLike, far: ArrayLike, num_partitio
     return jnp.where(inside[..., None], jnp.concatenate([equal[..., :1], rest], axis=-1), equal)
 
 
+@checked
 def iterate_adaptive(
     near: Float[Array, "..."], far: Float[Array, "..."], weight: Float[Array, "..."], ratios: Float[Array, "... cuts"],
     least_share: float = 0.0,
@@ -127,6 +134,7 @@ def iterate_adaptive(
     return jnp.stack(jnp.broadcast_arrays(*planes[::-1]), axis=-1)
 
 
+@checked
 def adaptive_splits(
     near: ArrayLike,
     far: ArrayLike,

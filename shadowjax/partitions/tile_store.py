@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require
 from shadowjax._types import Array, Int
 from shadowjax.partitions.page_table import INTERVAL_BYTES, TILE_BYTES
@@ -32,7 +33,7 @@ class Placed(NamedTuple):
     num_refused: int
 
 
-class TileStore(eqx.Module):
+class TileStore(Checked):
     """The slots of an adaptive map. Values never change: every step makes a new store.
 
     Attributes:
@@ -121,6 +122,7 @@ class TileStore(eqx.Module):
         return Placed(store, keys[chosen], taken, evicted, len(keys) - len(chosen))
 
 
+@checked
 def slots_in(budget_bytes: int, texels: int, texel_bytes: int) -> int:
     """Tiles that a budget holds together with their page table.
 

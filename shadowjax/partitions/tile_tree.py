@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax._types import Array, Float, Int
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.caster import Caster
@@ -22,6 +23,7 @@ END = 1 << (2 * MAX_LEVEL)
 _STEPS = ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555))
 
 
+@checked
 def interleaved(x: Any, y: Any) -> Any:
     """Z-order number of integer coordinates in [0, 2¹⁵): the bits of y and x in turn, those of x last.
 
@@ -34,6 +36,7 @@ def interleaved(x: Any, y: Any) -> Any:
     return x | (y << 1)
 
 
+@checked
 def deinterleaved(place: Any) -> tuple[Any, Any]:
     """The coordinates of a Z-order number."""
     x, y = place & 0x55555555, (place >> 1) & 0x55555555
@@ -42,12 +45,14 @@ def deinterleaved(place: Any) -> tuple[Any, Any]:
     return x, y
 
 
+@checked
 def place_of(square: Float[Array, "*points 2"]) -> Int[Array, "*points"]:
     """Place on the curve of positions in the unit square, at the finest level; those outside take the nearest cell."""
     cell = jnp.clip(jnp.floor(jnp.clip(square, 0, 1) * SIDE).astype(jnp.int32), 0, SIDE - 1)
     return interleaved(cell[..., 0], cell[..., 1])
 
 
+@checked
 def span_of(keys: Int[np.ndarray, "tiles 3"]) -> tuple[Int[np.ndarray, "tiles"], Int[np.ndarray, "tiles"]]:
     """First place of each tile on the curve and the one after its last: a tile is an interval, and intervals nest.
 
@@ -59,12 +64,14 @@ def span_of(keys: Int[np.ndarray, "tiles 3"]) -> tuple[Int[np.ndarray, "tiles"],
     return start, start + (1 << shift)
 
 
+@checked
 def tiles_of_level(level: int) -> Int[np.ndarray, "tiles 3"]:
     """Keys of all 4^level tiles of a level, along the curve."""
     x, y = deinterleaved(np.arange(4**level, dtype=np.int32))
     return np.stack([np.full_like(x, level), x, y], axis=-1)
 
 
+@checked
 def tile_grid(grid: RayGrid, key: Int[Array, "3"]) -> RayGrid:
     """The rays of one tile: as many as the whole grid has, over the tile's part of it.
 
@@ -79,6 +86,7 @@ def tile_grid(grid: RayGrid, key: Int[Array, "3"]) -> RayGrid:
     return eqx.tree_at(lambda g: g.plane_map, grid, box)
 
 
+@checked
 @eqx.filter_jit
 def cast_tiles(
     caster: Caster, mesh: Mesh, grid: RayGrid, keys: Int[Array, "tiles 3"]

@@ -95,14 +95,14 @@ class ZSplit(Partition):
     margin: int = eqx.field(static=True, default=0)
 
     def __check_init__(self) -> None:
-        require_int(self.num_partitions, "the number of partitions k", 1)
-        require_choice(self.rule, "split rule", RULES)
-        require_choice(self.choose, "choice of a map", CHOICES)
-        require(0 <= self.weight <= 1, f"the weight λ must lie in [0, 1]; got {self.weight}")
-        require(self.ratio > 1, f"the ratio α must exceed 1; got {self.ratio}")
+        require_int(self.num_partitions, "num_partitions", 1)
+        require_choice(self.rule, "rule", RULES)
+        require_choice(self.choose, "choose", CHOICES)
+        require(0 <= self.weight <= 1, f"weight, λ, must lie in [0, 1]; got {self.weight}")
+        require(self.ratio > 1, f"ratio, α, must exceed 1; got {self.ratio}")
         require(0 <= self.blend <= 1, f"blend, a share of a slice, must lie in [0, 1]; got {self.blend}")
         require(0 <= self.fade <= 1, f"fade, a share of the shadow distance, must lie in [0, 1]; got {self.fade}")
-        require_int(self.num_rows, "the number of rows of the depth buffer", 1)
+        require_int(self.num_rows, "num_rows", 1)
         require_int(self.margin, "margin", 0)
         if self.rule == "shares":
             given = self.shares_of_range or ()

@@ -8,6 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_int
 from shadowjax.plotting.style import styled
 
@@ -17,6 +18,7 @@ COLORS = 64
 Frame = Figure | np.ndarray
 
 
+@checked
 @styled
 def frame_pixels(frame: Frame, dots_per_inch: float = 80.0) -> np.ndarray:
     """One frame as (rows, cols, 3) bytes.
@@ -43,6 +45,7 @@ def frame_pixels(frame: Frame, dots_per_inch: float = 80.0) -> np.ndarray:
     return array if array.ndim == 3 else np.repeat(array[..., None], 3, axis=-1)
 
 
+@checked
 def gif_bytes(
     frames: Sequence[Frame], milliseconds: int = 120, rest: int = 1500, most_bytes: int = MOST_BYTES
 ) -> bytes:

@@ -6,11 +6,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
+from shadowjax._checked import checked
 from shadowjax.plotting.style import INK, MUTED, PALETTE, RULE, label, legend_below, new_figure, series_style, styled
 
 Numbers = Sequence[float] | np.ndarray
 
 
+@checked
 @styled
 def lines(
     series: Mapping[str, tuple[Numbers, Numbers]],
@@ -59,6 +61,7 @@ def lines(
     return figure
 
 
+@checked
 @styled
 def scatter(
     points: Mapping[str, tuple[float, float]],
@@ -107,6 +110,7 @@ def scatter(
     return figure
 
 
+@checked
 def name_points(figure: Figure, spot, points: Mapping[str, tuple[float, float]], chosen: str | None) -> None:
     """Write each name beside its point, moved up or down where names would collide."""
     pixel = {name: spot.transData.transform(point) for name, point in points.items()}
@@ -138,6 +142,7 @@ def name_points(figure: Figure, spot, points: Mapping[str, tuple[float, float]],
         )  # fmt: skip
 
 
+@checked
 @styled
 def bars(
     values: Mapping[str, float], x: str, title: str = "", *, formatted: str = "{:.3g}", width: float = 6.4
@@ -164,6 +169,7 @@ def bars(
     return figure
 
 
+@checked
 @styled
 def tone_histogram(
     visibilities: Mapping[str, np.ndarray],

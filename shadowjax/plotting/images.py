@@ -10,6 +10,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from shadowjax._checked import checked
 from shadowjax._checks import require
 from shadowjax.plotting.pixels import difference_pixels
 from shadowjax.plotting.style import DEPTH, DIFFERENCE, MUTED, new_figure, styled
@@ -17,6 +18,7 @@ from shadowjax.plotting.style import DEPTH, DIFFERENCE, MUTED, new_figure, style
 Image = Float[np.ndarray, "rows cols"]
 
 
+@checked
 @styled
 def show_image(axes: Axes, image: np.ndarray | jax.Array, title: str = "", caption: str = "") -> None:
     """One picture in given axes: pixels as they are, no ticks, title above, caption below.
@@ -38,6 +40,7 @@ def show_image(axes: Axes, image: np.ndarray | jax.Array, title: str = "", capti
         axes.set_xlabel(caption, fontsize=8, color=MUTED)
 
 
+@checked
 @styled
 def image_grid(
     images: Sequence[np.ndarray | jax.Array],
@@ -81,6 +84,7 @@ def image_grid(
     return figure
 
 
+@checked
 @styled
 def depth_map(
     depth: Image,
@@ -113,6 +117,7 @@ def depth_map(
     return figure
 
 
+@checked
 @styled
 def difference_map(
     test: Image,

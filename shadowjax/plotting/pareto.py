@@ -8,10 +8,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
+from shadowjax._checked import checked
 from shadowjax.plotting.charts import name_points
 from shadowjax.plotting.style import MUTED, PALETTE, RULE, label, new_figure, styled
 
 
+@checked
 def front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
     """Indices of the points that no other beats in both, by rising cost."""
     best, found = np.inf, []
@@ -22,6 +24,7 @@ def front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
     return found
 
 
+@checked
 @styled
 def pareto(records: Sequence[Any], title: str = "", width: float = 10.4, height: float = 4.8) -> Figure:
     """Two charts over one axis of error; those on the fronts are named, the rest are grey.

@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_int
 from shadowjax.plotting.style import DIFFERENCE
 
@@ -12,6 +13,7 @@ ColorImage = Float[np.ndarray, "rows cols 3"]
 Window = tuple[slice, slice]
 
 
+@checked
 def difference_pixels(
     test: Image, reference: Image, mask: Bool[np.ndarray, "rows cols"] | None = None, backdrop: ColorImage | None = None
 ) -> ColorImage:
@@ -40,12 +42,14 @@ def difference_pixels(
     return strength * colored + (1 - strength) * paper
 
 
+@checked
 def enlarge(image: np.ndarray, factor: int) -> np.ndarray:
     """Each pixel as a block of factor × factor pixels, so that single tones can be seen."""
     factor = require_int(factor, "enlargement factor", 1)
     return np.repeat(np.repeat(image, factor, axis=0), factor, axis=1)
 
 
+@checked
 def edge_window(visibility: Image, mask: Bool[np.ndarray, "rows cols"], height: int = 36, width: int = 48) -> Window:
     """The window of an image that shows the most shadow edge among pixels that count.
 
@@ -87,6 +91,7 @@ def edge_window(visibility: Image, mask: Bool[np.ndarray, "rows cols"], height: 
     return slice(row, row + height), slice(col, col + width)
 
 
+@checked
 def outlined(image: ColorImage, window: Window, color: tuple[float, float, float] = (0.84, 0.37, 0.0)) -> ColorImage:
     """Copy of a picture with the border of a window drawn on it, one pixel wide."""
     result = np.array(image, copy=True)

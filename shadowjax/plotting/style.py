@@ -12,6 +12,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
+from shadowjax._checked import checked
+
 INK, MUTED, RULE, PAPER = "#1d2330", "#5c6575", "#d8dce3", "#ffffff"
 
 # Okabe and Ito's colours, yellow left out: it vanishes on paper.
@@ -62,6 +64,7 @@ _Args = ParamSpec("_Args")
 _Result = TypeVar("_Result")
 
 
+@checked
 def styled(draw: Callable[_Args, _Result]) -> Callable[_Args, _Result]:
     """Decorator: artists made inside take the project's settings, whatever the user's own are."""
 
@@ -74,6 +77,7 @@ def styled(draw: Callable[_Args, _Result]) -> Callable[_Args, _Result]:
     return drawing
 
 
+@checked
 @styled
 def new_figure(
     width: float = 6.4, height: float = 4.0, rows: int = 1, cols: int = 1, **subplots: Any
@@ -95,6 +99,7 @@ def new_figure(
     return figure, figure.subplots(rows, cols, squeeze=False, **subplots)
 
 
+@checked
 def label(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
     """Names of the axes, with units, and a title."""
     axes.set_xlabel(x)
@@ -102,17 +107,20 @@ def label(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
     axes.set_title(title)
 
 
+@checked
 def legend_below(figure: Figure, axes: Axes, columns: int = 4) -> None:
     """The legend of `axes` under the whole figure, where it hides nothing."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=columns)
 
 
+@checked
 def series_style(index: int) -> dict[str, Any]:
     """Colour and marker of the series with that number; both differ between neighbours."""
     return {"color": PALETTE[index % len(PALETTE)], "marker": MARKERS[index % len(MARKERS)]}
 
 
+@checked
 @styled
 def figure_png(figure: Figure, dots_per_inch: float = 144.0) -> bytes:
     """A figure as the bytes of a PNG file, without date or version: the same figure gives the same bytes.
@@ -126,6 +134,7 @@ def figure_png(figure: Figure, dots_per_inch: float = 144.0) -> bytes:
     return stream.getvalue()
 
 
+@checked
 def spread(values: Sequence[float], gap: float) -> list[float]:
     """Positions as near to `values` as they can be with `gap` between neighbours: labels that do not collide."""
     order = np.argsort(np.asarray(values, float), kind="stable")

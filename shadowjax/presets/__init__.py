@@ -2,6 +2,7 @@
 
 import difflib
 
+from shadowjax._checked import checked
 from shadowjax._checks import require
 from shadowjax.presets import engines
 from shadowjax.presets.base import Parameter, Preset
@@ -12,6 +13,7 @@ from shadowjax.techniques import Technique, make_technique
 PRESETS: dict[str, Preset] = {preset.name: preset for preset in engines.ALL}
 
 
+@checked
 def preset(name: str) -> Preset:
     """The preset of that name.
 
@@ -26,6 +28,7 @@ def preset(name: str) -> Preset:
     return PRESETS[name]
 
 
+@checked
 def make_preset(name: str, resolution: int | None = None, caster: Caster | None = None) -> Technique:
     """The technique of a preset.
 
@@ -42,6 +45,7 @@ def make_preset(name: str, resolution: int | None = None, caster: Caster | None 
     return chosen.make(size, default_caster() if caster is None else caster)
 
 
+@checked
 def named_technique(name: str, resolution: int = 512, caster: Caster | None = None) -> Technique:
     """A registered technique, or the preset that `preset:NAME` names.
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from shadowjax._checked import checked
 from shadowjax._checks import require_choice
 from shadowjax.rays.caster import Caster
 from shadowjax.techniques import Technique
@@ -15,6 +16,7 @@ UNITS = (
 Value = float | int | str | tuple[float, ...]
 
 
+@checked
 @dataclass(frozen=True)
 class Parameter:
     """One number (or word) of an engine.
@@ -37,6 +39,7 @@ class Parameter:
         require_choice(self.unit, "unit of a parameter", UNITS)
 
 
+@checked
 @dataclass(frozen=True)
 class Preset:
     """An engine's way to shadow a scene.

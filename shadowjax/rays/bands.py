@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_int, require_memory
 from shadowjax._types import Array, Float, Int
 from shadowjax.geometry.mesh import Mesh
@@ -16,6 +17,7 @@ from shadowjax.rays.ray_grid import RayGrid
 DEFAULT_ROWS = 256
 
 
+@checked
 def row_band(grid: RayGrid, first_row: int, num_rows: int) -> RayGrid:
     """Some rows of a grid as a grid of their own; for a power of two of rows its rays are exactly those of the whole.
 
@@ -36,12 +38,14 @@ def row_band(grid: RayGrid, first_row: int, num_rows: int) -> RayGrid:
     return band_from(grid, jnp.asarray(first_row), num_rows)
 
 
+@checked
 def band_from(grid: RayGrid, first_row: Int[Array, ""], num_rows: int) -> RayGrid:
     """As `row_band`, from a row that only the running program knows; it is not checked."""
     band = RowBand(grid.plane_map, first_row.astype(grid.far.dtype), num_rows, grid.num_rows)
     return RayGrid(grid.space, band, grid.far, num_rows, grid.num_cols)
 
 
+@checked
 def depth_bands(
     caster: Caster, mesh: Mesh, grid: RayGrid, rows: int = DEFAULT_ROWS
 ) -> Iterator[tuple[int, Float[np.ndarray, "rows cols"]]]:
@@ -73,6 +77,7 @@ def depth_bands(
         yield start, band[start - first :]
 
 
+@checked
 def depth_map(
     caster: Caster,
     mesh: Mesh,

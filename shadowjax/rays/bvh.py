@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from shadowjax._checked import Checked
 from shadowjax._checks import concrete, require, require_memory
 from shadowjax._numerics import one_by_one
 from shadowjax._types import Array, Bool, Float, Int, Points
@@ -23,7 +24,7 @@ from shadowjax.rays.ray import Hit, Rays, intersect
 BYTES_TO_BUILD = 400
 
 
-class Tree(eqx.Module):
+class Tree(Checked):
     """A grouping of triangles, and boxes that fit one mesh.
 
     Attributes:

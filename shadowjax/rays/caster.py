@@ -2,11 +2,12 @@
 
 from abc import abstractmethod
 from collections.abc import Callable
+from typing import ClassVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require
 from shadowjax._numerics import dot, map_in_chunks
 from shadowjax._types import Array, Bool, Float, Int, Points, Scalar
@@ -19,12 +20,14 @@ from shadowjax.rays.ray_grid import RayGrid
 SURFACE_ROUNDINGS = 64.0
 
 
-class Caster(eqx.Module):
+class Caster(Checked):
     """Finds which triangle a ray meets first.
 
     A caster only *chooses* triangles, under `stop_gradient`; depth and barycentrics come from `ray.intersect`, so every
     caster has the same values and the same gradients. Of equally near triangles the one with the lowest index wins.
     """
+
+    _remedy_: ClassVar = "Give an object, such as BruteForce()"
 
     @abstractmethod
     def closest(self, mesh: Mesh, rays: Rays) -> Hit:
@@ -86,6 +89,7 @@ class Caster(eqx.Module):
         return facing & ~self.closest(mesh, rays).is_hit
 
 
+@checked
 def checked_start(grid: RayGrid, start_depth: Float[Array, "..."]) -> Float[Array, "rows cols"]:
     """Depths to start from, if there is one for each ray of a grid; constant."""
     shape = (grid.num_rows, grid.num_cols)
@@ -97,12 +101,14 @@ def checked_start(grid: RayGrid, start_depth: Float[Array, "..."]) -> Float[Arra
     return jax.lax.stop_gradient(start_depth).astype(grid.far.dtype)
 
 
+@checked
 def surface_gap(mesh: Mesh) -> Scalar:
     """How far a shadow test keeps from the surface that it starts on, world units: some roundings of positions."""
     size = jnp.maximum(mesh.extent, jnp.max(jnp.abs(jnp.stack(mesh.bounds()))))
     return SURFACE_ROUNDINGS * jnp.finfo(size.dtype).eps * size
 
 
+@checked
 def shadow_limits(
     space: LightSpace, points: Points, normals: Points | None, gap: Scalar
 ) -> tuple[Float[Array, "*points 2"], Float[Array, "*points"], Bool[Array, "*points"]]:
@@ -116,6 +122,7 @@ def shadow_limits(
     return plane, limit, dot(to_source, side) > 0
 
 
+@checked
 def shadow_rays(
     mesh: Mesh, space: LightSpace, points: Points, normals: Points | None
 ) -> tuple[Rays, Bool[Array, "*points"]]:
@@ -125,6 +132,7 @@ def shadow_rays(
     return Rays(origins, directions, jnp.zeros((), points.dtype), limit), facing
 
 
+@checked
 def search_in_chunks(search: Callable[[Rays], Int[Array, "rays"]], rays: Rays, chunk: int) -> Int[Array, "*points"]:
     """Apply a search to lists of at most `chunk` rays and give its answers the shape of the rays."""
     flat = rays.flattened()

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from shadowjax._checked import checked
 from shadowjax._checks import require_choice
 from shadowjax.rays.brute import BruteForce
 from shadowjax.rays.bvh import BoundingVolumeHierarchy
@@ -21,6 +22,7 @@ def default_caster() -> Caster:
     return make_caster(DEFAULT_CASTER)
 
 
+@checked
 def make_caster(name: str) -> Caster:
     """A caster by its registered name.
 

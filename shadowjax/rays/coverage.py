@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jax import lax
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Bool, Float, Int, Points
@@ -27,18 +28,20 @@ CHUNK = 4096
 NEAREST = 1e-3
 
 
+@checked
 def plain_depth(depth: Float[Array, "*shape"]) -> Float[Array, "1 *shape"]:
     """Depth itself as the only plane."""
     return depth[None]
 
 
+@checked
 def powers(degree: int) -> Encode:
     """Encoder of the moments z, z², … up to a degree: what variance (2) and moment (4) shadow maps store."""
     require_int(degree, "degree", 1)
     return _Powers(degree)
 
 
-class _Powers(eqx.Module):
+class _Powers(Checked):
     degree: int = eqx.field(static=True)
 
     def __call__(self, depth: Float[Array, "*shape"]) -> Float[Array, "n *shape"]:
@@ -48,6 +51,7 @@ class _Powers(eqx.Module):
         return jnp.stack(planes)
 
 
+@checked
 def coverage_planes(
     mesh: Mesh,
     edges: MeshEdges,
@@ -87,7 +91,7 @@ def coverage_planes(
     return outline_pieces(mesh, edges, grid, caster, max_pairs).blended(base, encode)
 
 
-class OutlinePieces(eqx.Module):
+class OutlinePieces(Checked):
     """Where the outline of the nearest layer crosses the cells of a grid, and how deep it is on either side.
 
     Attributes:
@@ -118,6 +122,7 @@ class OutlinePieces(eqx.Module):
         return _blended(self, base, encode)
 
 
+@checked
 def outline_pieces(
     mesh: Mesh, edges: MeshEdges, grid: RayGrid, caster: Caster, max_pairs: int | None = None
 ) -> OutlinePieces:
@@ -194,6 +199,7 @@ def _depth(mesh: Mesh, grid: RayGrid, caster: Caster) -> Float[Array, "rows cols
     return caster.closest_on_grid(mesh, grid).depth
 
 
+@checked
 def coverage_depth(
     mesh: Mesh, edges: MeshEdges, grid: RayGrid, caster: Caster | None = None, max_pairs: int | None = None
 ) -> Float[Array, "rows cols"]:
@@ -204,12 +210,14 @@ def coverage_depth(
     return coverage_planes(mesh, edges, grid, plain_depth, caster, max_pairs)[0]
 
 
+@checked
 def rays_beside(grid: RayGrid, position: Float[Array, "n 2"], present: Bool[Array, "n"]) -> Rays:
     """Rays through grid positions; those that are not present hit nothing."""
     rays = grid.rays_at(position / grid.resolution)
     return Rays(rays.origins, rays.directions, rays.t_min, jnp.where(present, grid.far, -jnp.ones_like(grid.far)))
 
 
+@checked
 def pairs_of(
     start: Float[Array, "segments 2"],
     end: Float[Array, "segments 2"],
@@ -224,11 +232,13 @@ def pairs_of(
     return eqx.error_if(pairs, pairs.num > capacity, f"outlines cross more than {capacity} cells; raise max_pairs")
 
 
+@checked
 def default_room(grid: RayGrid) -> int:
     """Room for pairs where none is asked for."""
     return max(CHUNK, grid.num_rows * grid.num_cols)
 
 
+@checked
 def towards_source(space: LightSpace, points: Points) -> Points:
     """Vectors from points to the source of a space's rays, of any length; without a square root."""
     if isinstance(space, DirectionalSpace):
@@ -237,6 +247,7 @@ def towards_source(space: LightSpace, points: Points) -> Points:
     return space.position - points
 
 
+@checked
 def segments_on(grid: RayGrid, first: Points, second: Points) -> tuple[Array, Array, Bool[Array, "n"]]:
     """Ends of straight lines of the world in grid positions, the part behind a perspective view cut away.
 
@@ -270,6 +281,7 @@ def segments_on(grid: RayGrid, first: Points, second: Points) -> tuple[Array, Ar
     return grid.locate(first)[0], grid.locate(second)[0], before
 
 
+@checked
 def edge_ends(grid: RayGrid, mesh: Mesh, edges: MeshEdges) -> tuple[Array, Array, Bool[Array, "edges"]]:
     """Ends of all edges of a mesh in grid positions, and whether any part of each can be seen."""
     return segments_on(grid, *(mesh.vertices[edges.vertices[:, k]] for k in range(2)))

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Float
 from shadowjax.geometry.mesh import Mesh
@@ -13,6 +14,7 @@ from shadowjax.rays.ray_grid import RayGrid
 LAYERS = ("first", "second", "back", "midpoint")
 
 
+@checked
 def second_layer(caster: Caster, mesh: Mesh, grid: RayGrid, first_depth: Float[Array, "rows cols"]) -> Hit:
     """The next surface behind the one that each ray of a grid meets first: one step of depth peeling.
 
@@ -32,6 +34,7 @@ def second_layer(caster: Caster, mesh: Mesh, grid: RayGrid, first_depth: Float[A
     return caster.closest_beyond_on_grid(mesh, grid, start)
 
 
+@checked
 def back_layer(caster: Caster, mesh: Mesh, grid: RayGrid) -> Hit:
     """The first surface that each ray of a grid meets from behind: the far side of closed bodies.
 

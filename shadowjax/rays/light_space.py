@@ -3,9 +3,9 @@
 from abc import abstractmethod
 from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import Checked, checked
 from shadowjax._numerics import dot, norm, normalize, rotate, safe_divide
 from shadowjax._types import Array, Bool, Float, Points, Scalar, Vector3
 from shadowjax.geometry.camera import Camera
@@ -20,7 +20,7 @@ UNREACHED = 1e6
 LEAST_FORWARD = 1e-6
 
 
-class LightSpace(eqx.Module):
+class LightSpace(Checked):
     """A bijection between the rays of a light (or of a camera) and the points (u, v) of a plane.
 
     Depth is the distance along the ray from its start, in world units.
@@ -138,11 +138,13 @@ def _sign(value: Float[Array, "..."]) -> Float[Array, "..."]:
     return jnp.where(value >= 0, jnp.ones_like(value), -jnp.ones_like(value))
 
 
+@checked
 def camera_space(camera: Camera) -> PerspectiveSpace:
     """The rays of a camera."""
     return PerspectiveSpace(camera.position, camera.rotation)
 
 
+@checked
 def light_space(light: Light, view: Vector3, lower: Vector3, upper: Vector3) -> LightSpace:
     """The light space of any light over a scene.
 
@@ -171,6 +173,7 @@ def light_space(light: Light, view: Vector3, lower: Vector3, upper: Vector3) -> 
     raise ValueError(f"no light space for a light of type {type(light).__name__}; use one of the package's lights")
 
 
+@checked
 def farthest(space: LightSpace, lower: Vector3, upper: Vector3) -> Scalar:
     """A finite depth beyond every point of a bounding box: what a miss reports.
 
@@ -187,12 +190,14 @@ def farthest(space: LightSpace, lower: Vector3, upper: Vector3) -> Scalar:
     return 1.01 * norm(reach)
 
 
+@checked
 def in_front(space: LightSpace, points: Points) -> Bool[Array, "*points"]:
     """Whether a ray of the space reaches each point."""
     plane, _ = space.project(points)
     return is_reached(space, plane)
 
 
+@checked
 def is_reached(space: LightSpace, plane: PlanePoints) -> Bool[Array, "*points"]:
     """Whether a projected position stands for a ray: only behind a position with a forward direction none arrives."""
     if isinstance(space, PerspectiveSpace):

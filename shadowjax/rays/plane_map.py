@@ -5,12 +5,13 @@ from abc import abstractmethod
 import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import Checked, checked
 from shadowjax._types import Array, Bool, Float, Scalar, Vector2
 
 PlanePoints = Float[Array, "*points 2"]
 
 
-class PlaneMap(eqx.Module):
+class PlaneMap(Checked):
     """A bijection between a region of the plane of a light space and the unit square (s, t)."""
 
     @abstractmethod
@@ -88,6 +89,7 @@ class RowBand(PlaneMap):
         return self.whole.regular(plane)
 
 
+@checked
 def affine_box(plane_map: PlaneMap) -> Box | None:
     """The box that a map is, or that a band of it is, to a rounding; None for a map that is not affine."""
     if isinstance(plane_map, Box):

@@ -1,25 +1,30 @@
 """Rays and hits, the edge rule every caster keeps, and the one differentiable ray–triangle intersection."""
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from shadowjax._checks import require, require_finite, require_value
+from shadowjax._checked import Checked, checked
+from shadowjax._checks import NOT_NEGATIVE, require, require_finite, require_value
 from shadowjax._numerics import norm, normalize
 from shadowjax._types import Array, ArrayLike, Bool, Float, Int, Points, as_float_array
 from shadowjax.geometry.mesh import Mesh
 
 MISS = -1
 
+# Distances along a ray.
+NotNegative = Annotated[ArrayLike, NOT_NEGATIVE]
 
+
+@checked
 def far_away(dtype: Any) -> float:
     """The finite stand-in for infinity: its square is still finite, so moments of depth stay finite too."""
     return float(jnp.finfo(dtype).max) ** 0.5
 
 
-class Rays(eqx.Module):
+class Rays(Checked):
     """Half-lines, each with the part of it that counts.
 
     Attributes:
@@ -36,12 +41,12 @@ class Rays(eqx.Module):
 
     @classmethod
     def create(
-        cls, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0.0, t_max: ArrayLike | None = None
+        cls, origins: ArrayLike, directions: ArrayLike, t_min: NotNegative = 0.0, t_max: NotNegative | None = None
     ) -> "Rays":
         """Rays from `origins` along `directions` (any nonzero length; normalised here).
 
         Raises:
-            ValueError: If shapes do not fit, a direction is zero, or a number is not finite.
+            ValueError: If shapes do not fit, a direction is zero, or a number is negative or not finite.
         """
         origins = require_finite(as_float_array(origins), "ray origins")
         directions = require_finite(as_float_array(directions, origins.dtype), "ray directions")
@@ -50,6 +55,13 @@ class Rays(eqx.Module):
             f"ray origins and directions must end in an axis of 3; got {origins.shape} and {directions.shape}",
         )
         directions = require_value(directions, norm(directions) > 0, "a ray direction must not be the zero vector")
+        require(
+            all(
+                1 in pair or pair[0] == pair[1]
+                for pair in zip(origins.shape[::-1], directions.shape[::-1], strict=False)
+            ),
+            f"ray origins and directions must broadcast; got {origins.shape} and {directions.shape}",
+        )
         shape = jnp.broadcast_shapes(origins.shape, directions.shape)
         t_max = far_away(origins.dtype) if t_max is None else t_max
         return cls(
@@ -79,7 +91,7 @@ class Rays(eqx.Module):
         )
 
 
-class Hit(eqx.Module):
+class Hit(Checked):
     """Where rays meet a mesh.
 
     Attributes:
@@ -105,6 +117,7 @@ class EdgeTest(NamedTuple):
     depth: Float[Array, "..."]
 
 
+@checked
 def orthonormal_frame(direction: Points) -> tuple[Points, Points]:
     """Two unit vectors that complete each unit direction to an orthonormal frame.
 
@@ -119,6 +132,7 @@ def orthonormal_frame(direction: Points) -> tuple[Points, Points]:
     return first, second
 
 
+@checked
 def edge_test(x: tuple[Array, Array, Array], y: tuple[Array, Array, Array], z: tuple[Array, Array, Array]) -> EdgeTest:
     """The edge rule: does the ray at the origin of the (x, y) plane pass through a triangle, and how far along z?
 
@@ -161,6 +175,7 @@ def _greatest(a: Array, b: Array, c: Array) -> Array:
     return jnp.maximum(jnp.maximum(a, b), c)
 
 
+@checked
 @eqx.filter_jit
 def intersect(mesh: Mesh, rays: Rays, face: Int[Array, "*points"]) -> Hit:
     """Depth and barycentrics of rays on triangles that a caster has already chosen; every gradient comes from here.
@@ -176,6 +191,7 @@ def intersect(mesh: Mesh, rays: Rays, face: Int[Array, "*points"]) -> Hit:
     Returns:
         The hit: depth as distance along the ray, world units; `t_max` and zero gradient for a miss.
     """
+    require(face.shape == rays.shape, f"face must have the shape of rays, {rays.shape}; got {face.shape}")
     missed = face < 0
     # Numbers apart, not as vectors of three: gathers, their transposes and what follows are several times faster.
     corners = _corners(mesh, jnp.where(missed, 0, face))

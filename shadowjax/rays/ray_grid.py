@@ -1,10 +1,13 @@
 """A grid of coherent rays: light space, plane map and resolution; the texel of a point and the ray of a texel."""
 
+from typing import Annotated
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from shadowjax._checks import require_int
+from shadowjax._checked import Checked, checked
+from shadowjax._checks import POSITIVE, require_int
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Float, Points, Scalar
 from shadowjax.geometry.camera import Camera
@@ -13,7 +16,7 @@ from shadowjax.rays.plane_map import Box, PlaneMap
 from shadowjax.rays.ray import Rays
 
 
-class RayGrid(eqx.Module):
+class RayGrid(Checked):
     """One ray through the centre of every cell of a regular grid on the unit square.
 
     Attributes:
@@ -26,13 +29,13 @@ class RayGrid(eqx.Module):
 
     space: LightSpace
     plane_map: PlaneMap
-    far: Scalar
+    far: Annotated[Scalar, POSITIVE]
     num_rows: int = eqx.field(static=True)
     num_cols: int = eqx.field(static=True)
 
     def __check_init__(self):
-        require_int(self.num_rows, "the number of rows (resolution)", 1)
-        require_int(self.num_cols, "the number of columns (resolution)", 1)
+        require_int(self.num_rows, "num_rows", 1)
+        require_int(self.num_cols, "num_cols", 1)
 
     @property
     def resolution(self) -> Float[Array, "2"]:
@@ -82,6 +85,7 @@ class RayGrid(eqx.Module):
         return along([1.0, 0.0]), along([0.0, 1.0])
 
 
+@checked
 def pixel_footprint(view: RayGrid, grid: RayGrid, points: Points, normals: Points) -> Float[Array, "*points 2 2"]:
     """How far the place of a receiver in one grid moves while the eye moves by one cell of another: a true Jacobian.
 
@@ -109,6 +113,7 @@ def pixel_footprint(view: RayGrid, grid: RayGrid, points: Points, normals: Point
     return jnp.stack(columns, axis=-1)
 
 
+@checked
 def camera_grid(camera: Camera, width: int, height: int) -> RayGrid:
     """One ray through every pixel centre of a camera's image; row 0 is the top.
 

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jax import lax
 
+from shadowjax._checked import Checked, checked
 from shadowjax._numerics import norm
 from shadowjax._types import Array, Float, Vector2, Vector3
 from shadowjax.geometry.light import Light
@@ -19,7 +20,7 @@ from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 
 
-class Receiver(eqx.Module):
+class Receiver(Checked):
     """What shadows fall on, where it is not the mesh that casts them.
 
     Attributes:
@@ -31,6 +32,7 @@ class Receiver(eqx.Module):
     edges: MeshEdges
 
 
+@checked
 def plane_receiver(
     origin: Vector3, axis_u: Vector3, axis_v: Vector3, lower: Vector2, upper: Vector2, shape: tuple[int, int]
 ) -> tuple[Receiver, RayGrid]:
@@ -60,6 +62,7 @@ def plane_receiver(
     return Receiver(mesh, mesh_edges(mesh, weld=False)), RayGrid(space, Box(lower, upper), 2 * size, *shape)
 
 
+@checked
 def shadow_picture(
     mesh: Mesh,
     edges: MeshEdges,

@@ -12,6 +12,7 @@ from jax.sharding import Mesh as DeviceMesh
 from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as Spec
 
+from shadowjax._checked import checked
 from shadowjax._checks import concrete, require
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.mesh import Mesh
@@ -28,6 +29,7 @@ NONE = jnp.iinfo(jnp.int32).max
 BLOCK = 4096
 
 
+@checked
 def stack_grids(grids: Sequence[RayGrid]) -> RayGrid:
     """One object holding the arrays of several grids along a new first axis: a batch of views.
 
@@ -43,6 +45,7 @@ def stack_grids(grids: Sequence[RayGrid]) -> RayGrid:
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *grids)
 
 
+@checked
 def closest_on_grids(caster: Caster, mesh: Mesh, grids: RayGrid, devices: Sequence[Any] | None = None) -> Hit:
     """First hits of a batch of views, dealt to devices; on each device one view after the other.
 
@@ -65,6 +68,7 @@ def closest_on_grids(caster: Caster, mesh: Mesh, grids: RayGrid, devices: Sequen
     return _cast_views(_place(caster, device_mesh), _place(mesh, device_mesh), padded, device_mesh, num_views)
 
 
+@checked
 def cast_over_bands(
     cast: Callable[[Mesh, RayGrid], _Tree], mesh: Mesh, grid: RayGrid, devices: Sequence[Any] | None = None
 ) -> _Tree:
@@ -96,6 +100,7 @@ def cast_over_bands(
     return _cast_bands(*_place((cast, mesh, grid), device_mesh), device_mesh)
 
 
+@checked
 def visible_over_points(
     caster: Caster,
     mesh: Mesh,
@@ -127,6 +132,7 @@ def visible_over_points(
     return _test_points(*_place((caster, mesh, space), device_mesh), *dealt, device_mesh, points.shape[0])
 
 
+@checked
 def closest_over_triangles(caster: Caster, mesh: Mesh, grid: RayGrid, devices: Sequence[Any] | None = None) -> Hit:
     """First hits of one grid, its triangles dealt round robin to devices; the nearest hit of all wins.
 
@@ -147,6 +153,7 @@ def closest_over_triangles(caster: Caster, mesh: Mesh, grid: RayGrid, devices: S
     return _cast_shares(*arguments, device_mesh)
 
 
+@checked
 def depth_over_triangles(
     caster: Caster, mesh: Mesh, grid: RayGrid, devices: Sequence[Any] | None = None
 ) -> Float[jax.Array, "rows cols"]:

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array, Bool, Float, Int, Vector3, default_dtype
 from shadowjax.geometry.edges import welded
@@ -21,7 +22,7 @@ from shadowjax.volumes._cutting import Cutter
 TOLERANCES = {4: 2e-6, 8: 1e-9}
 
 
-class BspTree(eqx.Module):
+class BspTree(Checked):
     """Polygons, cut where they had to be, in the order that planes give them.
 
     The tree is topology: it is built on the host, has no gradient and holds while nothing but the eye or the light
@@ -138,6 +139,7 @@ class BspTree(eqx.Module):
         return jnp.zeros(num_polygons, bool).at[self.source].max(self.facing(light))
 
 
+@checked
 def build_bsp(
     vertices: Any,
     polygons: Sequence[Sequence[int]] | np.ndarray,
@@ -189,6 +191,7 @@ def build_bsp(
     return _packed(grown, cutter, dropped, dtype)
 
 
+@checked
 def bsp_of_mesh(mesh: Mesh, balance: float = 0.0, candidates: int = 16, repair: bool = True, seed: int = 0) -> BspTree:
     """The tree of a mesh's triangles; vertices at equal positions are one. Arguments as in `build_bsp`.
 

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from shadowjax._checked import checked
 from shadowjax._numerics import one_by_one, rotate
 from shadowjax._types import Array, Bool, Float, Int, UInt
 from shadowjax.rays._grid_tiles import HALF, ROWS, SMALL, Index, from_tiles, line, number, to_tiles
@@ -26,6 +27,7 @@ class Spans(NamedTuple):
     highest: Float[Array, "n"]
     lowest: Float[Array, "n"]
 
+    @checked
     def tiles(self, low: Float[Array, "m"], high: Float[Array, "m"]) -> tuple[Int[Array, "m"], Int[Array, "m"]]:
         """First and last tile that can meet each interval; the last before the first where none can."""
         first = jnp.searchsorted(self.highest, low, side="left")
@@ -33,6 +35,7 @@ class Spans(NamedTuple):
         return first.astype(jnp.int32), last.astype(jnp.int32)
 
 
+@checked
 def count_image(
     regions: Regions,
     points: Float[Array, "rows cols 3"],

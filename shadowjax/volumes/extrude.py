@@ -1,10 +1,10 @@
 """Shadow volumes from a mesh: which edges and faces bound them, and their corners, some of them at infinity."""
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Num
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import concrete, require, require_choice
 from shadowjax._types import Array, Float, Int
 from shadowjax.geometry.light import DirectionalLight, Light, PointLight, SpotLight
@@ -14,7 +14,7 @@ from shadowjax.geometry.mesh import Mesh
 CASTERS = ("both", "facing")
 
 
-class VolumeEdges(eqx.Module):
+class VolumeEdges(Checked):
     """The edges of a mesh as a chain: each face's sides as edges, run one way or the other.
 
     Topology, built on the host. Any number of faces may share an edge, wound either way.
@@ -37,6 +37,7 @@ class VolumeEdges(eqx.Module):
         return total.at[self.side_edges.reshape(-1)].add(self.side_signs.reshape(-1))
 
 
+@checked
 def volume_edges(mesh: Mesh) -> VolumeEdges:
     """Edges of a mesh, with vertices at equal positions counted as one.
 
@@ -59,6 +60,7 @@ def volume_edges(mesh: Mesh) -> VolumeEdges:
     )
 
 
+@checked
 def require_closed(edges: VolumeEdges) -> None:
     """Raise ValueError unless every edge is run along as often one way as the other.
 
@@ -77,6 +79,7 @@ def require_closed(edges: VolumeEdges) -> None:
     )
 
 
+@checked
 def homogeneous_light(light: Light) -> Float[Array, "4"]:
     """A light as a point (x, y, z, w): w = 1 where it has a place, w = 0 at infinity.
 
@@ -90,22 +93,26 @@ def homogeneous_light(light: Light) -> Float[Array, "4"]:
     raise ValueError(f"no shadow volume of a light of type {type(light).__name__}; use one of the package's lights")
 
 
+@checked
 def cross(a: Num[Array, "*n 3"], b: Num[Array, "*n 3"]) -> Num[Array, "*n 3"]:
     """Cross product, of integers too."""
     (ax, ay, az), (bx, by, bz) = ([part[..., axis] for axis in range(3)] for part in (a, b))
     return jnp.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
 
+@checked
 def inner(a: Num[Array, "*#n 3"], b: Num[Array, "*#n 3"]) -> Num[Array, "*n"]:
     """Inner product, of integers too."""
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
+@checked
 def at_infinity(vertices: Num[Array, "*n 3"], light: Num[Array, "4"]) -> Num[Array, "*n 3"]:
     """Direction in which the light throws each vertex: its point at infinity is (direction, 0)."""
     return light[3] * vertices - light[:3]
 
 
+@checked
 def face_signs(
     vertices: Num[Array, "vertices 3"], faces: Int[Array, "faces 3"], light: Num[Array, "4"], casters: str = "both"
 ) -> Int[Array, "faces"]:
@@ -120,6 +127,7 @@ def face_signs(
     return sign if casters == "both" else jnp.maximum(sign, 0)
 
 
+@checked
 def edge_weights(edges: VolumeEdges, signs: Int[Array, "faces"]) -> Int[Array, "edges"]:
     """Quads to draw for every edge: the sum over its faces, each turned to the light, of how it runs along the edge.
 
@@ -132,6 +140,7 @@ def edge_weights(edges: VolumeEdges, signs: Int[Array, "faces"]) -> Int[Array, "
     return total.at[edges.side_edges.reshape(-1)].add((edges.side_signs * signs[:, None]).reshape(-1))
 
 
+@checked
 def shadow_quads(mesh: Mesh, light: Light, edges: VolumeEdges) -> Float[Array, "edges 4 4"]:
     """The shadow quad of every edge: its ends, then the same two thrown to infinity by the light (w = 0).
 

@@ -5,6 +5,7 @@ import math
 import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._checks import require_int
 from shadowjax._numerics import normalize
 from shadowjax._types import Array, Float, Scalar, Vector3
@@ -14,6 +15,7 @@ from shadowjax.geometry.transforms import any_perpendicular
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 
 
+@checked
 def disc(num: int) -> Float[Array, "num 2"]:
     """Points spread evenly over the unit disc, each standing for an equal part of its area (Vogel's spiral)."""
     index = jnp.arange(require_int(num, "num_lights", 1), dtype=float)
@@ -21,6 +23,7 @@ def disc(num: int) -> Float[Array, "num 2"]:
     return jnp.stack([radius * jnp.cos(angle), radius * jnp.sin(angle)], axis=-1)
 
 
+@checked
 def jittered(light: Light, radius: Scalar, num: int, towards: Vector3) -> tuple[Light, ...]:
     """Lights that together stand for one of some size.
 

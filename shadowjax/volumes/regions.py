@@ -8,11 +8,11 @@ Planes are tested as ≥ 0 or its negation, never as > 0 against < 0, and two wa
 point on their common border lies in exactly one of the two. Vertices may be integers; then nothing is rounded.
 """
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Num
 
+from shadowjax._checked import Checked, checked
 from shadowjax._types import Array, Bool, Int
 from shadowjax.volumes.extrude import VolumeEdges, at_infinity, cross, edge_weights, face_signs, inner
 
@@ -20,7 +20,7 @@ from shadowjax.volumes.extrude import VolumeEdges, at_infinity, cross, edge_weig
 UNROLL = 4
 
 
-class Regions(eqx.Module):
+class Regions(Checked):
     """Convex regions of space, relative to an eye, each with a weight.
 
     Attributes:
@@ -40,7 +40,7 @@ class Regions(eqx.Module):
         return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), self, other)
 
 
-class Boundary(eqx.Module):
+class Boundary(Checked):
     """All planes of a mesh's shadow volumes, relative to an eye; each number exists once, whoever tests it.
 
     Attributes:
@@ -116,6 +116,7 @@ class Boundary(eqx.Module):
         return [self.walls[e] for e in edges], [self.edges.side_signs[:, k] * self.signs < 0 for k in range(3)]
 
 
+@checked
 def boundary(
     vertices: Num[Array, "vertices 3"],
     faces: Int[Array, "faces 3"],
@@ -175,6 +176,7 @@ def _crossed(
     return Regions(jnp.stack(planes, 1), jnp.stack(sides, 1), weights, outline)
 
 
+@checked
 def weighted_first(regions: Regions) -> tuple[Regions, Int[Array, ""]]:
     """Regions with a weight before those without, and how many have one."""
     counts = regions.weights != 0
@@ -182,6 +184,7 @@ def weighted_first(regions: Regions) -> tuple[Regions, Int[Array, ""]]:
     return jax.tree.map(lambda part: part[order], regions), jnp.sum(counts, dtype=jnp.int32)
 
 
+@checked
 def up_and_down(
     regions: Regions, points: Num[Array, "*points 3"]
 ) -> tuple[Int[Array, "*points"], Int[Array, "*points"]]:
@@ -215,6 +218,7 @@ def up_and_down(
     return up.reshape(shape), down.reshape(shape)
 
 
+@checked
 def count_regions(regions: Regions, points: Num[Array, "*points 3"]) -> Int[Array, "*points"]:
     """Weighted number of regions that hold each point; arguments as in `up_and_down`."""
     up, down = up_and_down(regions, points)

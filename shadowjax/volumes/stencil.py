@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Num
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice, require_int
 from shadowjax._types import Array, Bool, Int
 from shadowjax.volumes.regions import Boundary, Regions, count_regions, up_and_down
@@ -13,7 +14,7 @@ from shadowjax.volumes.regions import Boundary, Regions, count_regions, up_and_d
 METHODS = ("z-pass", "z-fail")
 
 
-class Stencil(eqx.Module):
+class Stencil(Checked):
     """Counters of a few bits.
 
     A pass adds all increments, then a pass takes all decrements away, as the source draws them. Wrapping counters
@@ -73,6 +74,7 @@ class Counts(NamedTuple):
         return self.start + self.up - self.down
 
 
+@checked
 def method_regions(boundary: Boundary, method: str, with_caps: bool = True) -> Regions:
     """Everything that a method draws.
 
@@ -90,6 +92,7 @@ def method_regions(boundary: Boundary, method: str, with_caps: bool = True) -> R
     return walls + boundary.cap_regions(False) if with_caps else walls
 
 
+@checked
 def start_count(boundary: Boundary, method: str) -> Int[Array, ""]:
     """Volumes around the eye, where z-pass begins; 0 for z-fail, which begins at infinity outside all caps."""
     if method == "z-fail":
@@ -97,6 +100,7 @@ def start_count(boundary: Boundary, method: str) -> Int[Array, ""]:
     return count_regions(boundary.volumes(), jnp.zeros((1, 3), boundary.corners.dtype))[0]
 
 
+@checked
 @eqx.filter_jit
 def eye_counts(
     boundary: Boundary, points: Num[Array, "*points 3"], method: str = "z-pass", with_caps: bool = True
@@ -113,6 +117,7 @@ def eye_counts(
     return Counts(start_count(boundary, method), up, down)
 
 
+@checked
 @eqx.filter_jit
 def near_plane_counts(boundary: Boundary, points: Num[Array, "*points 3"], near: Num[Array, "*points 3"]) -> Counts:
     """z-pass as the source draws it: walls cut off at the near plane, and the cap polygons that repair the cut.
@@ -135,6 +140,7 @@ def near_plane_counts(boundary: Boundary, points: Num[Array, "*points 3"], near:
     return Counts(count_regions(boundary.volumes(), near), up - cut_up, down - cut_down)
 
 
+@checked
 def is_lit(value: Int[Array, "*points"]) -> Bool[Array, "*points"]:
     """Light belongs where the stencil buffer holds 0.
 

@@ -1,11 +1,12 @@
 """What a warp is: a plane map that knows its spacing, and a fit that places one for a camera, a light and a scene."""
 
 from abc import abstractmethod
+from typing import ClassVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from shadowjax._checked import Checked, checked
 from shadowjax._types import Array, Float
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
@@ -32,8 +33,10 @@ class Warp(PlaneMap):
         return jax.vmap(jax.jacfwd(self.forward))(flat).reshape(*plane.shape, 2)
 
 
-class WarpFit(eqx.Module):
+class WarpFit(Checked):
     """A rule that places a warp: the part of a technique that is chosen before scene and light are known."""
+
+    _remedy_: ClassVar = "Give an object, such as UniformFit() or PerspectiveFit()"
 
     def for_slices(self) -> "WarpFit":
         """The fit that a partition uses for each slice of the view: itself, if it follows the camera's planes.
@@ -47,6 +50,7 @@ class WarpFit(eqx.Module):
         """The warp for these rays, this scene and this view."""
 
 
+@checked
 def bounding_box(plane: Float[Array, "points 2"]) -> tuple[Float[Array, "2"], Float[Array, "2"]]:
     """Lower and upper corner around plane positions, widened a little so that no position lies on the border."""
     lower, upper = jnp.min(plane, axis=0), jnp.max(plane, axis=0)

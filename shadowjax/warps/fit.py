@@ -5,6 +5,7 @@ from collections.abc import Callable
 import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._checks import require_choice
 from shadowjax._numerics import dot, norm, normalize, rotate, safe_divide
 from shadowjax._types import Array, Float, Scalar, Vector3
@@ -42,6 +43,7 @@ NEAR_DISTANCES: dict[str, Rule] = {
 SAMPLES = 33  # depths on the view axis at which a spot light's error is weighed
 
 
+@checked
 def light_frustum(camera: Camera, light_direction: Vector3, near: Scalar, far: Scalar) -> LightFrustum:
     """The camera's frustum as a directional light sees it, for any roll of the camera.
 
@@ -62,6 +64,7 @@ def light_frustum(camera: Camera, light_direction: Vector3, near: Scalar, far: S
     return LightFrustum(near, far, jnp.arctan(tan_y), jnp.arctan(tan_x), camera.gamma(light_direction))
 
 
+@checked
 def visible_range(camera: Camera, mesh: Mesh) -> tuple[Scalar, Scalar]:
     """Depths between the camera's planes at which the scene has vertices, so has surfaces."""
     depth = camera.to_view(mesh.vertices)[:, 2]
@@ -71,12 +74,14 @@ def visible_range(camera: Camera, mesh: Mesh) -> tuple[Scalar, Scalar]:
     return jnp.where(some, near, camera.near), jnp.where(some, far, camera.far)
 
 
+@checked
 def corners(camera: Camera, near: Scalar, far: Scalar) -> Float[Array, "8 3"]:
     """World corners of the part of the camera's frustum between two depths."""
     part = eqx.tree_at(lambda c: (c.near, c.far), camera, (near, far))
     return part.frustum_corners()
 
 
+@checked
 def padded(points: Float[Array, "points 2"], margin: float = 1e-3) -> Float[Array, "points 2"]:
     """Plane points moved away from their middle, so that nothing the camera sees falls on the border of a map."""
     middle = (jnp.min(points, axis=0) + jnp.max(points, axis=0)) / 2
@@ -146,6 +151,7 @@ class LogarithmicFit(WarpFit):
         return LogarithmicWarp.fit(points, 1 / log_distance(frustum), view_axis(space, camera))
 
 
+@checked
 def view_axis(space: DirectionalSpace, camera: Camera) -> Float[Array, "2"]:
     """Direction on the light's plane in which the view recedes; z of the light space where light and view align."""
     along, sine = perpendicular_part(camera.forward, space.frame[1])
@@ -153,6 +159,7 @@ def view_axis(space: DirectionalSpace, camera: Camera) -> Float[Array, "2"]:
     return jnp.where(sine > 0, normalize(seen), jnp.asarray([0.0, 1.0], seen.dtype))
 
 
+@checked
 def spot_strength(
     space: LightSpace, light: Light, mesh: Mesh, camera: Camera
 ) -> tuple[Float[Array, "corners 2"], Float[Array, "2"], Scalar]:

@@ -3,9 +3,9 @@
 import math
 from typing import Literal
 
-import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require_choice, require_finite, require_value
 from shadowjax._types import Array, ArrayLike, Float, as_float_array
 
@@ -13,7 +13,7 @@ Section = Literal["axis", "whole"]
 SECTIONS: tuple[Section, ...] = ("axis", "whole")
 
 
-class LightFrustum(eqx.Module):
+class LightFrustum(Checked):
     """A camera frustum under a directional light, in light space (warping, figure 21).
 
     Light space has y against the light and z' in the plane of y and the view direction. z' is measured here from the
@@ -164,6 +164,7 @@ class LightFrustum(eqx.Module):
         return self.tan_x * jnp.maximum(near, far)
 
 
+@checked
 def strength_of(near_distance: ArrayLike, dtype: object = None) -> Float[Array, "..."]:
     """1/n', the number by which a perspective warp bends; 0 is the uniform map.
 

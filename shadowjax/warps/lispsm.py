@@ -6,6 +6,7 @@ from typing import Literal
 
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._checks import require_choice, require_value
 from shadowjax._types import Array, ArrayLike, Float
 from shadowjax.warps.light_frustum import LightFrustum, Section
@@ -13,6 +14,7 @@ from shadowjax.warps.light_frustum import LightFrustum, Section
 Fade = Literal["sine", "squared"]
 
 
+@checked
 def psm(frustum: LightFrustum) -> Float[Array, "..."]:
     """n' = n, the perspective shadow map.
 
@@ -21,11 +23,13 @@ def psm(frustum: LightFrustum) -> Float[Array, "..."]:
     return frustum.near + jnp.zeros_like(frustum.gamma)
 
 
+@checked
 def uniform(frustum: LightFrustum) -> Float[Array, "..."]:
     """The finite n' that stands for n' = ∞, the standard map."""
     return frustum.uniform_near_distance
 
 
+@checked
 def wimmer(frustum: LightFrustum) -> Float[Array, "..."]:
     """n' = n + √(fn): equal z errors at both planes when the light is overhead, whatever γ is.
 
@@ -34,6 +38,7 @@ def wimmer(frustum: LightFrustum) -> Float[Array, "..."]:
     return frustum.near + jnp.sqrt(frustum.far * frustum.near) + jnp.zeros_like(frustum.gamma)
 
 
+@checked
 def wimmer_over_sine(frustum: LightFrustum) -> Float[Array, "..."]:
     """n' = (n + √(fn))/sin γ: fades to the uniform map as the light turns parallel to the view.
 
@@ -42,6 +47,7 @@ def wimmer_over_sine(frustum: LightFrustum) -> Float[Array, "..."]:
     return frustum.ratio(wimmer(frustum), frustum.sine)
 
 
+@checked
 def equalising(frustum: LightFrustum, section: Section = "axis") -> Float[Array, "..."]:
     """The n' that makes the z error equal at near and far plane; not positive where none does.
 
@@ -55,6 +61,7 @@ def equalising(frustum: LightFrustum, section: Section = "axis") -> Float[Array,
     return (frustum.near + jnp.sqrt(frustum.far * frustum.near)) * slope - offset
 
 
+@checked
 def fade_sine(gamma: Float[Array, "..."], gamma_limit: Float[Array, "..."]) -> Float[Array, "..."]:
     """r(γ) = sin(π/2·γ/γ_lim), between 0 at γ = 0 and 1 at γ_lim.
 
@@ -63,6 +70,7 @@ def fade_sine(gamma: Float[Array, "..."], gamma_limit: Float[Array, "..."]) -> F
     return jnp.sin(gamma / gamma_limit * (math.pi / 2))
 
 
+@checked
 def fade_squared(gamma: Float[Array, "..."], gamma_limit: Float[Array, "..."]) -> Float[Array, "..."]:
     """r(γ) = (1 + sin(π/2·(γ/γ_lim − 1)))², between 0 at γ = 0 and 1 at γ_lim; of order γ⁴ near 0.
 
@@ -80,6 +88,7 @@ FADES: dict[str, Callable[[Float[Array, "..."], Float[Array, "..."]], Float[Arra
 }
 
 
+@checked
 def generalised(frustum: LightFrustum, fade: Fade = "squared") -> Float[Array, "..."]:
     """The source's own n'(γ): equalising down to γ_lim, then n'(γ_lim)/r(γ), which tends to ∞ as γ → 0.
 
@@ -101,6 +110,7 @@ def generalised(frustum: LightFrustum, fade: Fade = "squared") -> Float[Array, "
     return jnp.where(frustum.gamma >= limit, above, below)
 
 
+@checked
 def near_distance_from_eta(frustum: LightFrustum, eta: ArrayLike) -> Float[Array, "..."]:
     """The n' of a position η in the family of perspective warps with the light overhead.
 
@@ -125,6 +135,7 @@ def near_distance_from_eta(frustum: LightFrustum, eta: ArrayLike) -> Float[Array
     return jnp.where(eta >= 0, towards_psm, towards_uniform)
 
 
+@checked
 def eta_from_near_distance(frustum: LightFrustum, near_distance: Float[Array, "..."]) -> Float[Array, "..."]:
     """Position η ∈ [−1, 1] of an n' in [n, ∞], from how much its M_z exceeds LiSPSM's.
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._types import Array, ArrayLike, Bool, Float, Vector2
 from shadowjax.rays.plane_map import PlanePoints
 from shadowjax.warps.base import Warp
@@ -91,6 +92,7 @@ def _exp_ratio(x: Float[Array, "..."]) -> Float[Array, "..."]:
     return jnp.where(small, series, jnp.expm1(safe) / safe)
 
 
+@checked
 def log_distance(frustum: LightFrustum, section: Section = "axis") -> Float[Array, "..."]:
     """The c of least M_z for a logarithmic warp, for any γ.
 
@@ -117,6 +119,7 @@ def log_distance(frustum: LightFrustum, section: Section = "axis") -> Float[Arra
     return frustum.bounded(jnp.maximum(frustum.near * (frustum.sine - frustum.tilt), near_minimum))
 
 
+@checked
 def log_error_z(
     frustum: LightFrustum,
     distance: Float[Array, "..."],

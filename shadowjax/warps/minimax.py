@@ -10,6 +10,7 @@ The far branch of M_z falls with q because W ≤ 2F. Its near branch has one min
 
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._numerics import safe_divide, safe_sqrt
 from shadowjax._types import Array, Float
 from shadowjax.warps.light_frustum import LightFrustum, Section
@@ -18,12 +19,14 @@ from shadowjax.warps.prediction import max_error_x, max_error_z
 from shadowjax.warps.roots import bisect
 
 
+@checked
 def near_branch_minimum(frustum: LightFrustum, section: Section = "axis") -> Float[Array, "..."]:
     """E·W/(W − 2E), where the near plane's z error is least; the uniform map where W ≤ 2E."""
     offset, _ = frustum.worst_line(section)
     return frustum.ratio(offset * frustum.extent, frustum.slack(section))
 
 
+@checked
 def minimax(frustum: LightFrustum, section: Section = "axis") -> Float[Array, "..."]:
     """The n' of least M_z, for any γ.
 
@@ -38,6 +41,7 @@ def minimax(frustum: LightFrustum, section: Section = "axis") -> Float[Array, ".
     return frustum.bounded(jnp.maximum(equalising(frustum, section), near_branch_minimum(frustum, section)))
 
 
+@checked
 def least_storage(frustum: LightFrustum, section: Section = "whole") -> Float[Array, "..."]:
     """The n' of least storage factor M_x·M_z, for any γ; the uniform map where nothing beats it.
 
@@ -61,6 +65,7 @@ def least_storage(frustum: LightFrustum, section: Section = "whole") -> Float[Ar
     return frustum.bounded(jnp.maximum(equalising(frustum, section), stationary))
 
 
+@checked
 def balanced(
     frustum: LightFrustum,
     ratio_x: Float[Array, "..."] | float = 1.0,

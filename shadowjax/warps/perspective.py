@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._checks import require_value
 from shadowjax._numerics import normalize
 from shadowjax._types import Array, ArrayLike, Bool, Float, Vector2, as_float_array
@@ -84,6 +85,7 @@ class PerspectiveWarp(Warp):
         return jnp.stack([jnp.broadcast_to(across, t.shape), along], axis=-1)
 
 
+@checked
 def trapezium(
     points: Float[Array, "points 2"], strength: ArrayLike, axis: ArrayLike | Sequence[float]
 ) -> tuple[Array, ...]:
@@ -108,12 +110,14 @@ def trapezium(
     return compose(lowest, middle, direction), direction, extent, strength, sides
 
 
+@checked
 def components(offset: PlanePoints, axis: Vector2) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
     """Components along the axis and across it (the axis turned clockwise, x for the axis z)."""
     x, z = offset[..., 0], offset[..., 1]
     return x * axis[0] + z * axis[1], x * axis[1] - z * axis[0]
 
 
+@checked
 def compose(along: Float[Array, "..."], across: Float[Array, "..."], axis: Vector2) -> PlanePoints:
     """The plane vector with these components."""
     return jnp.stack([along * axis[0] + across * axis[1], along * axis[1] - across * axis[0]], axis=-1)

@@ -5,10 +5,12 @@ Everything is written in 1/n', so that the uniform map (n' = ∞) is an ordinary
 
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._types import Array, Float
 from shadowjax.warps.light_frustum import LightFrustum, Section
 
 
+@checked
 def error_z(
     frustum: LightFrustum,
     near_distance: Float[Array, "..."],
@@ -37,6 +39,7 @@ def error_z(
     return resolution_ratio * texel / (2 * depth * frustum.tan_y)
 
 
+@checked
 def error_x(
     frustum: LightFrustum,
     near_distance: Float[Array, "..."],
@@ -66,6 +69,7 @@ def _worst(frustum: LightFrustum, strength: Float[Array, "..."], section: Sectio
     return 1 + offset * strength, 1 + (offset + slope * (frustum.far - frustum.near)) * strength
 
 
+@checked
 def max_error_z(
     frustum: LightFrustum,
     near_distance: Float[Array, "..."],
@@ -82,6 +86,7 @@ def max_error_z(
     return resolution_ratio * extent / (1 + extent * strength) * shape / (2 * frustum.tan_y)
 
 
+@checked
 def max_error_x(
     frustum: LightFrustum,
     near_distance: Float[Array, "..."],
@@ -98,6 +103,7 @@ def max_error_x(
     return resolution_ratio * frustum.half_width(strength) / frustum.tan_x * shape
 
 
+@checked
 def storage_factor(
     frustum: LightFrustum, near_distance: Float[Array, "..."], section: Section = "axis"
 ) -> Float[Array, "..."]:

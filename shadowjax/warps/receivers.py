@@ -6,6 +6,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax._numerics import dot, normalize
 from shadowjax._types import Array, Bool, Float, Points
 from shadowjax.geometry.camera import Camera
@@ -19,6 +20,7 @@ LEAST_DETERMINANT = 1e-5
 SLACK = 1e-5
 
 
+@checked
 def receiver_corners(
     space: LightSpace, light: Light, mesh: Mesh, camera: Camera
 ) -> tuple[Points, Bool[Array, "corners"]]:
@@ -94,6 +96,7 @@ class Outline(NamedTuple):
     some: Bool[Array, ""]
 
 
+@checked
 def receiver_outline(space: LightSpace, light: Light, mesh: Mesh, camera: Camera) -> Outline:
     """What a map for a view has to hold.
 

@@ -6,10 +6,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._numerics import safe_divide
 from shadowjax._types import Array, Float
 
 
+@checked
 def bisect(
     decreasing: Callable[[Float[Array, "..."]], Float[Array, "..."]],
     low: Float[Array, "..."],

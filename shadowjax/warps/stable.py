@@ -4,6 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_int
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Float, Scalar, Vector3
@@ -65,6 +66,7 @@ class StableFit(WarpFit):
         return PerspectiveWarp(origin, axis, size, zero, jnp.stack([zero, size]))
 
 
+@checked
 def bounding_sphere(camera: Camera) -> tuple[Vector3, Scalar]:
     """Centre and radius of the smallest sphere around a camera's frustum: its radius does not depend on the pose.
 

@@ -5,9 +5,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._types import Array, Float
 
 
+@checked
 def worst_error(
     strength: Float[Array, ""],
     offset: Float[Array, "points"],
@@ -19,6 +21,7 @@ def worst_error(
     return jnp.max(weight * stretch * stretch) * extent / (1 + extent * strength)
 
 
+@checked
 def least_worst_strength(
     offset: Float[Array, "points"],
     weight: Float[Array, "points"],

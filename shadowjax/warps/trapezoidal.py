@@ -1,10 +1,12 @@
 """Trapezoidal shadow maps as a choice of n': the part of the view in focus fills a chosen share of the map."""
 
+from shadowjax._checked import checked
 from shadowjax._checks import require
 from shadowjax._types import Array, Float
 from shadowjax.warps.light_frustum import LightFrustum
 
 
+@checked
 def trapezoidal(frustum: LightFrustum, focus: float = 0.2, share: float = 0.8) -> Float[Array, "..."]:
     """The n' that maps the view axis point at a given depth onto the line t = share.
 

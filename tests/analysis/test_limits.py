@@ -105,7 +105,7 @@ def test_the_smallest_deviation_is_the_measured_one(mean):
 
 
 def test_bad_numbers_are_named():
-    with pytest.raises(ValueError, match="number of terms M must be an integer of at least 1; got 0"):
+    with pytest.raises(ValueError, match="num_terms must be an integer of at least 1; got 0"):
         limits.fourier_step(0.1, 0)
     with pytest.raises(ValueError, match="kernel_size must be"):
         limits.largest_exponent(jnp.float32, 1, 0)

@@ -97,7 +97,7 @@ def test_bias_is_a_mixture_with_the_ends():
     [
         (lambda: Moments("stieltjes"), "problem must be one of 'hamburger', 'hausdorff'"),
         (lambda: Moments(moment_bias=1.0), "moment_bias is a share"),
-        (lambda: Moments(bleed_high=0.0), "0 ≤ low < high ≤ 1"),
+        (lambda: Moments(bleed_high=0.0), "0 ≤ bleed_low < bleed_high ≤ 1"),
     ],
 )
 def test_bad_input(make, message):

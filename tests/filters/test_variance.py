@@ -111,9 +111,9 @@ def test_warps_rise_and_linear_step_is_algorithm_2():
     ("make", "message"),
     [
         (lambda: Variance(min_variance=-1e-3), "min_variance must not be negative"),
-        (lambda: Variance(bleed_low=1.0), "0 ≤ low < high ≤ 1"),
+        (lambda: Variance(bleed_low=1.0), "0 ≤ bleed_low < bleed_high ≤ 1"),
         (lambda: Variance(footprint=-0.1), "footprint"),
-        (lambda: ExponentialVariance(positive=0.0), "positive is the magnitude"),
+        (lambda: ExponentialVariance(positive=0.0), "positive, the magnitude"),
         (lambda: ExponentialVariance(positive=45.0).prepare(jnp.ones((4, 4), jnp.float32)), "overflows float32"),
         (lambda: chebyshev_visibility(jnp.asarray(0.5), jnp.asarray(-0.1), jnp.asarray(0.6)), "variance must not be"),
         (lambda: Prefilter(4), "odd size"),
@@ -126,7 +126,7 @@ def test_bad_input(make, message):
 
 
 def test_maps_with_nan_are_refused():
-    with jax.debug_nans(False), pytest.raises(ValueError, match=r"depth map must be finite; 1 of 16"):
+    with jax.debug_nans(False), pytest.raises(ValueError, match=r"must be finite; 1 of 16"):
         Variance().prepare(jnp.ones((4, 4)).at[1, 2].set(jnp.nan))
 
 

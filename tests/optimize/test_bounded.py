@@ -63,7 +63,7 @@ def test_it_says_why_it_did_not_converge():
     [
         ({"starts": []}, "at least one"),
         ({"starts": [[0.0]]}, "must have the bounds' shape"),
-        ({"starts": [[np.nan, 0.0]]}, "finite numbers"),
+        ({"starts": [[np.nan, 0.0]]}, "must be finite"),
         ({"lower": [3, 3]}, "must not exceed"),
         ({"lower": [0]}, "two vectors"),
         ({"max_steps": 0}, "max_steps must be an integer of at least 1"),

@@ -324,8 +324,8 @@ def test_local_lights_have_adaptive_maps_too(kind):
         ({"test": "colour"}, "test must be one of 'depth', 'id', 'hybrid'"),
         ({"texels_per_pixel": 0.0}, "texels_per_pixel must be positive"),
         ({"levels_per_step": 0}, "levels_per_step"),
-        ({"per_texel": 0.0, "fixed": 0.0}, "costs a and b"),
-        ({"num_rows": 0}, "number of rows"),
+        ({"per_texel": 0.0, "fixed": 0.0}, "per_texel and fixed"),
+        ({"num_rows": 0}, "num_rows must"),
     ],
 )
 def test_bad_settings_are_named(options, told):

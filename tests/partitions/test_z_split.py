@@ -113,7 +113,7 @@ def test_cuts_can_be_given_and_bad_ones_are_named():
         (lambda: ZSplit.at([2.0, 2.0]), "rise"),
         (lambda: ZSplit.at([-1.0, 2.0]), "positive"),
         (lambda: ZSplit(blend=1.5), "blend"),
-        (lambda: ZSplit(choose="near"), "choice of a map"),
+        (lambda: ZSplit(choose="near"), "choose must"),
         (lambda: ZSplit(num_rows=0), "rows"),
         (lambda: ZSplit(choose="depth").select((), CAMERA, along_the_axis([3.0])), "must be placed first"),
     ):

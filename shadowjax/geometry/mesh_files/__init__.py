@@ -20,6 +20,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax._checks import require
 from shadowjax._types import default_dtype
 from shadowjax.geometry.mesh import DEFAULT_ALBEDO, Mesh
@@ -47,6 +48,7 @@ FAR = 16.0
 _NO_AREA = 1e-12
 
 
+@checked
 def load(path: str | Path, dtype: Any = None) -> Mesh:
     """Read a mesh file: .glb, .gltf, .obj, .off, .ply, .stl, or a .zip of such; .3mf and .dae with an extra.
 

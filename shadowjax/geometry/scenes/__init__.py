@@ -3,6 +3,7 @@
 import difflib
 from typing import Any
 
+from shadowjax._checked import checked
 from shadowjax._checks import require, require_int
 from shadowjax._types import cast
 from shadowjax.geometry.scenes import (
@@ -35,6 +36,7 @@ _FAMILIES = [
 SCENES: dict[str, SceneFamily] = {family.name: family for family in _FAMILIES}
 
 
+@checked
 def family(name: str) -> SceneFamily:
     """The family of that name.
 
@@ -48,6 +50,7 @@ def family(name: str) -> SceneFamily:
     return SCENES[name]
 
 
+@checked
 def make(name: str, num_triangles: int | None = None, dtype: Any = None) -> Scene:
     """Build a scene of the registry; the same arguments always give the same scene.
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
@@ -18,6 +19,7 @@ BOLLARD_TRIANGLES, TRUNK_TRIANGLES = 8 * 4, 7 * 4
 FIXED_TRIANGLES = 3 * 12 + 4 * TREES_A_SIDE * BOLLARD_TRIANGLES + 2 * TREES_A_SIDE * TRUNK_TRIANGLES
 
 
+@checked
 def build(num_triangles: int) -> tuple[Mesh, Camera, tuple[Light, ...]]:
     """The crowns get finer with the wish; everything else stays."""
     rng = np.random.default_rng(44)

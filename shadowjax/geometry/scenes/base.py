@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import equinox as eqx
 import numpy as np
 
+from shadowjax._checked import Checked, checked
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, Light
 from shadowjax.geometry.mesh import Mesh
@@ -16,7 +17,7 @@ MARGIN = 0.04  # of the image, kept free around a framed scene
 SUNLIGHT = (1.0, 0.96, 0.88)
 
 
-class Scene(eqx.Module):
+class Scene(Checked):
     """A mesh with a camera that looks at it and the lights that shine on it.
 
     Attributes:
@@ -34,6 +35,7 @@ class Scene(eqx.Module):
     description: str = eqx.field(static=True)
 
 
+@checked
 @dataclass(frozen=True)
 class SceneFamily:
     """An entry of the registry of scenes.
@@ -64,17 +66,20 @@ class SceneFamily:
         return self.min_triangles < self.max_triangles
 
 
+@checked
 def to_mesh(parts: Iterable[Part]) -> Mesh:
     """One checked mesh of all parts."""
     part = join(parts)
     return Mesh.create(part.vertices, part.faces, part.colors)
 
 
+@checked
 def view(position: Vector, target: Vector, half_angle_deg: float, near: float, far: float) -> Camera:
     """Camera of the scenes' common aspect, with half its vertical angle of view in degrees."""
     return Camera.look_at(position, target, phi_y=float(np.radians(half_angle_deg)), aspect=ASPECT, near=near, far=far)
 
 
+@checked
 def framed(mesh: Mesh, azimuth_deg: float, elevation_deg: float, half_angle_deg: float = 20.0) -> Camera:
     """Camera that holds the whole mesh in its image, as large as it goes, with near and far close around it.
 
@@ -100,12 +105,14 @@ def framed(mesh: Mesh, azimuth_deg: float, elevation_deg: float, half_angle_deg:
     return view(position, position - back, half_angle_deg, near, far)
 
 
+@checked
 def towards(azimuth_deg: float, elevation_deg: float) -> np.ndarray:
     """Unit vector (3,) to azimuth (from +z, where the viewer stands, to +x) and elevation, both in degrees."""
     azimuth, elevation = np.radians([azimuth_deg, elevation_deg])
     return np.array([np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)])
 
 
+@checked
 def sun(azimuth_deg: float, elevation_deg: float, strength: float = 1.0) -> tuple[DirectionalLight, ...]:
     """The sun alone, as a tuple of lights.
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
@@ -20,6 +21,7 @@ PINION_RADIUS = WHEEL_RADIUS * PINION_TEETH / WHEEL_TEETH
 BOLT_PLACES = [(x, z) for x in (-1.95, 1.95) for z in (-0.85, 0.85)]
 
 
+@checked
 def gear_outline(teeth: int, radius: float, phase: float) -> np.ndarray:
     """(4 teeth, 2) outline of a spur gear with straight flanks about its pitch circle; `phase` in tooth pitches."""
     module = 2.0 * radius / teeth
@@ -30,6 +32,7 @@ def gear_outline(teeth: int, radius: float, phase: float) -> np.ndarray:
     return np.stack([radii * np.cos(angles), radii * np.sin(angles)], -1).reshape(-1, 2)
 
 
+@checked
 def gear(teeth: int, radius: float, bore: float, width: float, phase: float, windows: int, segments: int) -> Part:
     """Spur gear about the z axis from z = 0 to `width`, with a bore and round windows."""
     holes = [circle(bore, segments)]
@@ -39,11 +42,13 @@ def gear(teeth: int, radius: float, bore: float, width: float, phase: float, win
     return extrude([gear_outline(teeth, radius, phase), *holes], width)
 
 
+@checked
 def along_z(part: Part) -> Part:
     """A body of revolution about y turned to lie about z; its top looks to +z."""
     return part.turned((1, 0, 0), np.pi / 2)
 
 
+@checked
 def bearing(width: float, height: float, bore: float, thickness: float, segments: int) -> Part:
     """Upright bearing plate in the xy plane: straight sides, a round head and a bore at y = `height`."""
     radius = 0.36 * width
@@ -57,6 +62,7 @@ def bearing(width: float, height: float, bore: float, thickness: float, segments
     return extrude([outline, circle(bore, segments, (0.0, height))], thickness)
 
 
+@checked
 def bolt(radius: float, segments: int) -> Part:
     """Washer, hexagonal head and threadless end, standing on y = 0."""
     washer = revolve([(1.9 * radius, 0.0), (1.9 * radius, 0.03), (radius, 0.03), (radius, 0.0)], segments, loop=True)
@@ -64,6 +70,7 @@ def bolt(radius: float, segments: int) -> Part:
     return join([washer.painted(palette.GRAPHITE), head.painted(palette.BRASS)])
 
 
+@checked
 def motor(segments: int) -> Part:
     """Finned housing about z with its front at z = 0, on a foot that reaches down to the plate."""
     rows = [(0.3, 0.0), (0.42, 0.05), (0.44, 0.1)]
@@ -75,6 +82,7 @@ def motor(segments: int) -> Part:
     return join([housing, foot])
 
 
+@checked
 def machine(segments: int) -> Part:
     """The whole assembly standing on y = 0, its shafts along z."""
     top = PLATE
@@ -102,6 +110,7 @@ def machine(segments: int) -> Part:
     return join(parts)
 
 
+@checked
 def build(num_triangles: int) -> tuple[Mesh, Camera, tuple[Light, ...]]:
     """Round outlines get finer with the wish; teeth and bodies stay."""
     segments = max(8, round(20 * num_triangles / DEFAULT))

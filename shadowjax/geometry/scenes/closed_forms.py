@@ -3,9 +3,9 @@
 Positions in a receiving plane are pairs (u, v). Distances are signed: negative inside the shadow.
 """
 
-import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_value
 from shadowjax._numerics import dot, norm, normalize, safe_divide
 from shadowjax._types import ArrayLike, Points, Scalar, Vector3, as_float_array
@@ -23,7 +23,7 @@ from shadowjax.geometry.scenes.polygons import (
 )  # fmt: skip
 
 
-class ReceivingPlane(eqx.Module):
+class ReceivingPlane(Checked):
     """A plane with coordinates (u, v).
 
     Attributes:
@@ -59,6 +59,7 @@ class ReceivingPlane(eqx.Module):
         return self.origin + positions[..., :1] * self.axis_u + positions[..., 1:] * self.axis_v
 
 
+@checked
 def project(points: Points, light: Light, plane: ReceivingPlane) -> Points2:
     """Where the light's rays through points meet the plane.
 
@@ -82,6 +83,7 @@ def project(points: Points, light: Light, plane: ReceivingPlane) -> Points2:
     return plane.to_plane(points - to_light * safe_divide(height, rise)[..., None])
 
 
+@checked
 def sphere_shadow(centre: Vector3, radius: Scalar, light: Light, plane: ReceivingPlane) -> Ellipse:
     """The shadow of a sphere on a plane.
 

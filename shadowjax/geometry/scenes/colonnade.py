@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
@@ -25,6 +26,7 @@ SHAFT = [
 ]  # fmt: skip
 
 
+@checked
 def column(segments: int) -> Part:
     """Plinth, moulded shaft and abacus, 4.4 m tall."""
     plinth = block(1.05, 0.29, 1.05)
@@ -32,6 +34,7 @@ def column(segments: int) -> Part:
     return join([plinth, revolve(SHAFT, segments), abacus])
 
 
+@checked
 def arch(start: np.ndarray, end: np.ndarray, rise: float, width: float, depth: float, cells: int) -> Part:
     """Half an ellipse from `start` to `end` (3,) with a rectangular section, `depth` measured across the curve."""
     angle = np.linspace(np.pi, 0.0, cells + 1)
@@ -40,6 +43,7 @@ def arch(start: np.ndarray, end: np.ndarray, rise: float, width: float, depth: f
     return sweep(rectangle(width, depth), path, np.cross(reach, [0.0, 1.0, 0.0]))
 
 
+@checked
 def end_wall(segments: int) -> Part:
     """Wall across the nave with a round-headed portal and a round window."""
     outline = rectangle(9.6, 7.6, 40) + np.array([0.0, 3.8])
@@ -51,6 +55,7 @@ def end_wall(segments: int) -> Part:
     return extrude([outline, door, circle(0.95, 2 * segments, (0.0, 5.6))], 0.5)
 
 
+@checked
 def build(num_triangles: int) -> tuple[Mesh, Camera, tuple[Light, ...]]:
     """Columns, arches and ribs get finer with the wish; the plan stays."""
     fineness = num_triangles / DEFAULT

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import Checked, checked
 from shadowjax._types import Array, Float, Scalar, as_float_array
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
@@ -16,7 +17,7 @@ from shadowjax.geometry.scenes.quads import level_quad, quad_mesh
 WIDTH = 2.4  # of the whole comb where the number of slats is chosen by triangles, metres
 
 
-class Comb(eqx.Module):
+class Comb(Checked):
     """Equal slats without thickness side by side, over the plane y = 0.
 
     Attributes:
@@ -59,6 +60,7 @@ class Comb(eqx.Module):
         return closed_forms.project(self.corners(), light, self.plane)
 
 
+@checked
 def build(num_triangles: int) -> tuple[Mesh, Camera, tuple[Light, ...]]:
     """As many slats as the wish allows, as wide as the gaps between them."""
     num_slats = max(1, (num_triangles - 2) // 2)

@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
@@ -16,6 +17,7 @@ SIDE = 2.4  # of the whole formation, metres
 FILL = 0.47  # edge of a cube over the pitch of the lattice
 
 
+@checked
 def build(num_triangles: int) -> tuple[Mesh, Camera, tuple[Light, ...]]:
     """n³ cubes in a lattice that floats over a floor."""
     per_side = max(1, round(((num_triangles - 12) / 12) ** (1 / 3)))

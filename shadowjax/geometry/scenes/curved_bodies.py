@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
@@ -16,6 +17,7 @@ from shadowjax.geometry.scenes.surfaces import circle, landscape, sweep
 DEFAULT = 5600
 
 
+@checked
 def ground_height(x: Any, z: Any) -> Any:
     """Height of the ground, metres: a shallow dome beside a shallow bowl."""
     dome = 0.5 * np.exp(-((x + 0.95) ** 2 + (z - 0.25) ** 2) / 1.3)
@@ -23,6 +25,7 @@ def ground_height(x: Any, z: Any) -> Any:
     return dome - bowl
 
 
+@checked
 def torus_knot(radius: float, tube: float, segments: int, sides: int, p: int = 2, q: int = 3) -> Part:
     """Tube along the (p, q) torus knot that winds p times round the y axis and q times round the ring."""
     angle = 2 * np.pi * np.arange(segments) / segments
@@ -32,6 +35,7 @@ def torus_knot(radius: float, tube: float, segments: int, sides: int, p: int = 2
     return sweep(circle(tube, sides), path, path - ring_centre, loop=True)
 
 
+@checked
 def build(num_triangles: int) -> tuple[Mesh, Camera, tuple[Light, ...]]:
     """Every surface gets finer with the wish."""
     fineness = np.sqrt(num_triangles / DEFAULT)

@@ -1,9 +1,9 @@
 """The ellipse as a quadratic form: membership, axes, edge and signed distance, all differentiable."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from shadowjax._checked import Checked
 from shadowjax._numerics import dot, norm, safe_sqrt
 from shadowjax._types import Array, Bool, Float, Scalar
 from shadowjax.geometry.scenes.polygons import Points2
@@ -12,7 +12,7 @@ _BRACKETS = 64  # arcs of the edge that are searched for the nearest point
 _BISECTIONS = 48
 
 
-class Ellipse(eqx.Module):
+class Ellipse(Checked):
     """All (u, v) with (u, v, 1) M (u, v, 1)ᵀ ≤ 0.
 
     Attributes:

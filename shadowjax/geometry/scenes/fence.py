@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
@@ -17,6 +18,7 @@ FIXED_TRIANGLES = 12 + 2 * (8 * RAIL_CELLS + 8) + 5 * 24
 LENGTH = 7.0  # of the fence seen from above, metres
 
 
+@checked
 def centre_line(along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 3) on the ground and headings (n,) in radians of the fence, at `along` in [0, 1]."""
     x = LENGTH * (along - 0.5)
@@ -26,6 +28,7 @@ def centre_line(along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([x, np.zeros_like(x), z], -1), np.arctan2(-slope, np.ones_like(x))
 
 
+@checked
 def build(num_triangles: int) -> tuple[Mesh, Camera, tuple[Light, ...]]:
     """Pickets, as many as the wish allows and ever narrower, on two bent rails between five posts."""
     rng = np.random.default_rng(51)

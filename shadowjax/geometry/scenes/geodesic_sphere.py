@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
@@ -14,6 +15,7 @@ CENTRE_HEIGHT = 1.15
 FLOOR_TRIANGLES = 12
 
 
+@checked
 def build(num_triangles: int) -> tuple[Mesh, Camera, tuple[Light, ...]]:
     """A sphere of 20 n² triangles whose count is the nearest to the wish, and a floor of 12."""
     frequency = max(1, round(np.sqrt((num_triangles - FLOOR_TRIANGLES) / 20)))

@@ -2,13 +2,17 @@
 
 import numpy as np
 
+from shadowjax._checked import checked
 
+
+@checked
 def from_srgb(code: str) -> np.ndarray:
     """Linear albedo (3,) of an sRGB colour written as six hexadecimal digits (IEC 61966-2-1)."""
     value = np.array([int(code[i : i + 2], 16) for i in (0, 2, 4)]) / 255.0
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
 
+@checked
 def varied(rng: np.random.Generator, colors: np.ndarray, amount: float) -> np.ndarray:
     """Colours whose brightness is multiplied by a random factor within ±`amount`, kept in [0, 1]."""
     factors = 1.0 + amount * rng.uniform(-1.0, 1.0, size=(*np.shape(colors)[:-1], 1))

@@ -7,9 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from shadowjax._checked import checked
+
 Vector = Sequence[float] | np.ndarray  # three numbers, or two in a plane
 
 
+@checked
 @dataclass(frozen=True)
 class Part:
     """Triangles with one linear albedo each, counter-clockwise seen from outside.
@@ -56,12 +59,14 @@ class Part:
         return self if self.volume() >= 0 else replace(self, faces=self.faces[:, ::-1])
 
 
+@checked
 def make_part(vertices: np.ndarray, faces: np.ndarray, color: Vector = (0.75, 0.75, 0.75)) -> Part:
     """A part of one colour from corners and indices."""
     part = Part(np.asarray(vertices, float), np.asarray(faces, np.int64), np.zeros((0, 3)))
     return part.painted(color)
 
 
+@checked
 def join(parts: Iterable[Part]) -> Part:
     """One part that holds the triangles of all; vertices of different parts stay apart."""
     parts = list(parts)
@@ -73,6 +78,7 @@ def join(parts: Iterable[Part]) -> Part:
     )
 
 
+@checked
 def scatter(part: Part, matrices: np.ndarray, offsets: np.ndarray, colors: np.ndarray | None = None) -> Part:
     """Copies of one part, each under its own affine map.
 
@@ -90,6 +96,7 @@ def scatter(part: Part, matrices: np.ndarray, offsets: np.ndarray, colors: np.nd
     return Part(vertices.reshape(-1, 3), faces.reshape(-1, 3), paint.reshape(-1, 3).copy())
 
 
+@checked
 def rotation(axis: Vector, angle: float | np.ndarray) -> np.ndarray:
     """(..., 3, 3) rotation matrices about axes (..., 3) by angles in radians (Rodrigues)."""
     vector = np.asarray(axis, float)
@@ -102,6 +109,7 @@ def rotation(axis: Vector, angle: float | np.ndarray) -> np.ndarray:
     return np.eye(3) + sine * skew + (1.0 - cosine) * (skew @ skew)
 
 
+@checked
 def random_rotations(rng: np.random.Generator, count: int) -> np.ndarray:
     """(count, 3, 3) rotations spread uniformly over all orientations."""
     w, x, y, z = (q := rng.normal(size=(count, 4))).T / np.linalg.norm(q, axis=1)

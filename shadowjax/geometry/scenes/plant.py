@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
@@ -19,6 +20,7 @@ POT = [
 GOLDEN_ANGLE = np.pi * (3.0 - 5.0**0.5)
 
 
+@checked
 def leaf(cells: int) -> Part:
     """Pointed leaf of unit length along x, folded along its midrib and drooping; 8 cells + 8 triangles."""
     along = np.linspace(0.0, 1.0, cells + 1)
@@ -28,6 +30,7 @@ def leaf(cells: int) -> Part:
     return sweep(section, path, (0.0, 0.0, -1.0), scale=width)
 
 
+@checked
 def stem(turn: float, lean: float, height: float, along: np.ndarray) -> np.ndarray:
     """Points (n, 3) at `along` in [0, 1] of a stem that rises from the soil and leans towards `turn` radians."""
     outwards = 0.1 + lean * along**1.7
@@ -35,6 +38,7 @@ def stem(turn: float, lean: float, height: float, along: np.ndarray) -> np.ndarr
     return np.stack([outwards * np.cos(turn), rise, outwards * np.sin(turn)], -1)
 
 
+@checked
 def build(num_triangles: int) -> tuple[Mesh, Camera, tuple[Light, ...]]:
     """With the wish grow the number of leaves and stems and the fineness of each."""
     rng = np.random.default_rng(66)

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import Checked, checked
 from shadowjax._types import Array, Float, Scalar, as_float_array
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
@@ -14,7 +15,7 @@ from shadowjax.geometry.scenes.closed_forms import Polygon, ReceivingPlane
 from shadowjax.geometry.scenes.quads import level_quad, quad_mesh
 
 
-class PlateOverPlane(eqx.Module):
+class PlateOverPlane(Checked):
     """A plate without thickness, centred on the y axis, over the plane y = 0.
 
     Attributes:
@@ -57,6 +58,7 @@ class PlateOverPlane(eqx.Module):
         return closed_forms.project(self.corners(), light, self.plane)
 
 
+@checked
 def build(num_triangles: int) -> tuple[Mesh, Camera, tuple[Light, ...]]:
     """The default plate; the count does not change."""
     del num_triangles

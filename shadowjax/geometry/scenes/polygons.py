@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._numerics import norm, safe_divide
 from shadowjax._types import Array, Bool, Float, Scalar
 
@@ -23,11 +24,13 @@ def _edges(polygon: Float[Array, "... corners 2"]) -> tuple[Array, Array]:
     return polygon, jnp.roll(polygon, -1, axis=-2) - polygon
 
 
+@checked
 def area(polygon: Polygon) -> Scalar:
     """Area of a simple polygon in square metres, whichever way it turns."""
     return 0.5 * jnp.abs(jnp.sum(_cross(polygon, jnp.roll(polygon, -1, axis=-2)), axis=-1))
 
 
+@checked
 def contains(polygon: Polygon, positions: Points2) -> Bool[Array, "*points"]:
     """Whether positions lie in a convex polygon, its edge included."""
     start, along = _edges(polygon)
@@ -40,12 +43,14 @@ def _distance_to_segments(positions: Points2, start: Array, along: Array) -> Flo
     return norm(offset - fraction[..., None] * along)
 
 
+@checked
 def signed_distance(polygon: Polygon, positions: Points2) -> Float[Array, "*points"]:
     """Distance to the edge of a convex polygon in metres, negative inside."""
     distance = jnp.min(_distance_to_segments(positions, *_edges(polygon)), axis=-1)
     return jnp.where(contains(polygon, positions), -distance, distance)
 
 
+@checked
 def outer_pieces(polygons: Float[Array, "shapes corners 2"]) -> tuple[Array, Array, Array]:
     """Start, vector and presence of the pieces of all edges that bound the union of convex polygons.
 
@@ -78,11 +83,13 @@ def outer_pieces(polygons: Float[Array, "shapes corners 2"]) -> tuple[Array, Arr
     return piece_start.reshape(-1, 2), piece_along.reshape(-1, 2), present.reshape(-1)
 
 
+@checked
 def union_contains(polygons: Float[Array, "shapes corners 2"], positions: Points2) -> Bool[Array, "*points"]:
     """Whether positions lie in any of several convex polygons."""
     return jnp.any(jax.vmap(contains, in_axes=(0, None))(polygons, positions), axis=0)
 
 
+@checked
 def union_signed_distance(polygons: Float[Array, "shapes corners 2"], positions: Points2) -> Float[Array, "*points"]:
     """Distance to the edge of the union of convex polygons in metres, negative inside; exact where they overlap too.
 
@@ -94,6 +101,7 @@ def union_signed_distance(polygons: Float[Array, "shapes corners 2"], positions:
     return jnp.where(union_contains(polygons, positions), -distance, distance)
 
 
+@checked
 def union_area(polygons: Float[Array, "shapes corners 2"]) -> Scalar:
     """Area of the union of convex polygons in square metres, by Green's theorem around its edge."""
     start, along, present = outer_pieces(polygons)

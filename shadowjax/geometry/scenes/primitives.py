@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from shadowjax._checked import checked
 from shadowjax.geometry.scenes.parts import Part, Vector, make_part
 
 GOLDEN_RATIO = (1.0 + 5.0**0.5) / 2.0
@@ -18,22 +19,26 @@ _BOX_FACES = np.array(
 )  # fmt: skip
 
 
+@checked
 def box(lower: Vector, upper: Vector) -> Part:
     """Axis-aligned box between two corners in metres: 12 triangles."""
     corners = np.array(list(itertools.product(*zip(lower, upper, strict=True))), float)
     return make_part(corners, _BOX_FACES)
 
 
+@checked
 def block(x: float, y: float, z: float) -> Part:
     """Box of the given sizes that stands on the origin's plane, centred on the y axis."""
     return box((-x / 2, 0.0, -z / 2), (x / 2, y, z / 2))
 
 
+@checked
 def floor(half_x: float, half_z: float, thickness: float = 0.2) -> Part:
     """Closed slab whose top lies in the plane y = 0, centred on the origin."""
     return box((-half_x, -thickness, -half_z), (half_x, 0.0, half_z))
 
 
+@checked
 def revolve(profile: Sequence[Sequence[float]] | np.ndarray, segments: int, loop: bool = False) -> Part:
     """Closed solid of revolution about the y axis.
 
@@ -56,22 +61,26 @@ def revolve(profile: Sequence[Sequence[float]] | np.ndarray, segments: int, loop
     return compact(vertices.reshape(-1, 3), quads_to_triangles(index, wrap_rows=loop, wrap_columns=True)).outward()
 
 
+@checked
 def cylinder(radius: float, bottom: float, top: float, segments: int) -> Part:
     """Closed cylinder about the y axis between two heights."""
     return revolve([(radius, bottom), (radius, top)], segments)
 
 
+@checked
 def cone(radius: float, bottom: float, top: float, segments: int) -> Part:
     """Closed cone about the y axis with its base at `bottom` and its tip at `top`."""
     return revolve([(radius, bottom), (0.0, top)], segments)
 
 
+@checked
 def torus(radius: float, tube: float, segments: int, sides: int) -> Part:
     """Torus about the y axis: `segments` around it, `sides` around its tube."""
     angles = 2 * np.pi * np.arange(sides) / sides
     return revolve(np.stack([radius + tube * np.cos(angles), tube * np.sin(angles)], -1), segments, loop=True)
 
 
+@checked
 def convex_hull(points: np.ndarray) -> Part:
     """The convex hull of points (points, 3), oriented outwards."""
     hull = ConvexHull(np.asarray(points, float))
@@ -88,6 +97,7 @@ def icosahedron() -> Part:
     return convex_hull(points / np.linalg.norm(points[0]))
 
 
+@checked
 def geodesic_sphere(radius: float, frequency: int) -> Part:
     """Icosahedron whose edges are cut into `frequency` pieces, pushed out onto a sphere: 20 frequency² triangles.
 
@@ -107,6 +117,7 @@ def geodesic_sphere(radius: float, frequency: int) -> Part:
     return make_part(radius * points, inverse.reshape(-1)[faces.reshape(-1, 3)]).outward()
 
 
+@checked
 def quads_to_triangles(index: np.ndarray, wrap_rows: bool = False, wrap_columns: bool = False) -> np.ndarray:
     """Triangles (faces, 3) of a grid of vertex numbers; degenerate ones, at poles, are left out."""
     if wrap_rows:
@@ -119,6 +130,7 @@ def quads_to_triangles(index: np.ndarray, wrap_rows: bool = False, wrap_columns:
     return faces[~twice]
 
 
+@checked
 def compact(vertices: np.ndarray, faces: np.ndarray) -> Part:
     """A part without the vertices that no face uses."""
     used, inverse = np.unique(faces, return_inverse=True)

@@ -3,10 +3,12 @@
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax._types import Array, Float, Scalar
 from shadowjax.geometry.mesh import Mesh
 
 
+@checked
 def quad_mesh(corners: Float[Array, "quads 4 3"], colors: np.ndarray) -> Mesh:
     """Two triangles a quadrilateral, single-sided; a quad's triangles are 2k and 2k + 1.
 
@@ -19,6 +21,7 @@ def quad_mesh(corners: Float[Array, "quads 4 3"], colors: np.ndarray) -> Mesh:
     return Mesh.create(corners.reshape(-1, 3), faces, jnp.asarray(np.repeat(colors, 2, axis=0), corners.dtype))
 
 
+@checked
 def level_quad(
     half_x: Scalar,
     half_z: Scalar,

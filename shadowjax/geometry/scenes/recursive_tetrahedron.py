@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
@@ -23,11 +24,13 @@ def regular_tetrahedron() -> np.ndarray:
     return np.concatenate([[[0.0, 0.75 * height, 0.0]], ring - [0.0, 0.25 * height, 0.0]])
 
 
+@checked
 def num_tetrahedra(depth: int) -> int:
     """1 + 4 + 12 + 36 + …: the first has four free faces, every other one three."""
     return 2 * 3**depth - 1
 
 
+@checked
 def corners(depth: int) -> np.ndarray:
     """(tetrahedra, 4, 3) corners, the top first, in order of level.
 
@@ -50,6 +53,7 @@ def corners(depth: int) -> np.ndarray:
     return np.concatenate(levels)
 
 
+@checked
 def recursive_tetrahedron(depth: int) -> Part:
     """2·3^depth − 1 closed tetrahedra that touch nowhere, the lowest point in the plane y = 0.
 
@@ -69,6 +73,7 @@ def recursive_tetrahedron(depth: int) -> Part:
     return scatter(unit, matrices, offsets, tint).moved(y=-lowest)
 
 
+@checked
 def build(num_triangles: int) -> tuple[Mesh, Camera, tuple[Light, ...]]:
     """4·(2·3^depth − 1) triangles and a floor of 12: the depth nearest in ratio to the wish."""
     depth = max(0, round(np.log((max(num_triangles - 12, 4) / 4 + 1) / 2) / np.log(3.0)))

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
@@ -15,6 +16,7 @@ HUES = np.stack([palette.LIMESTONE, palette.SAND, palette.SLATE, palette.TERRACO
 SHARES = np.array([0.34, 0.26, 0.17, 0.12, 0.08, 0.03])
 
 
+@checked
 def build(num_triangles: int) -> tuple[Mesh, Camera, tuple[Light, ...]]:
     """Boxes of 12 triangles in a mound and, fewer and smaller, around it."""
     rng = np.random.default_rng(51)

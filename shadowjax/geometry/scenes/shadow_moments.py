@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
+from shadowjax._checked import checked
 from shadowjax._numerics import safe_divide
 from shadowjax._types import Array, Float, Scalar, Vector2, Vector3
 from shadowjax.geometry.light import Light
@@ -23,6 +24,7 @@ class ShadowMoments(NamedTuple):
     centroid: Vector2
 
 
+@checked
 def border_moments(start: Points2, along: Points2) -> ShadowMoments:
     """Of the region that pieces of its border enclose, counter-clockwise and in any order; by Green's theorem.
 
@@ -37,12 +39,14 @@ def border_moments(start: Points2, along: Points2) -> ShadowMoments:
     return ShadowMoments(area, safe_divide(first, jnp.stack([area, area])))
 
 
+@checked
 def polygon_moments(polygon: Polygon) -> ShadowMoments:
     """Of a simple polygon, whichever way it turns."""
     found = border_moments(polygon, jnp.roll(polygon, -1, axis=0) - polygon)
     return ShadowMoments(jnp.abs(found.area), found.centroid)
 
 
+@checked
 def union_moments(polygons: Float[Array, "shapes corners 2"]) -> ShadowMoments:
     """Of the union of convex polygons, no two of which share a stretch of an edge."""
     start, along, present = outer_pieces(polygons)
@@ -50,6 +54,7 @@ def union_moments(polygons: Float[Array, "shapes corners 2"]) -> ShadowMoments:
     return border_moments(jnp.where(present[:, None], start, jnp.zeros_like(start)), along)
 
 
+@checked
 def convex_moments(corners: Float[Array, "faces 3 2"]) -> ShadowMoments:
     """Of the image of a closed convex surface: each point of it lies in the images of two triangles.
 
@@ -65,6 +70,7 @@ def convex_moments(corners: Float[Array, "faces 3 2"]) -> ShadowMoments:
     return ShadowMoments(0.5 * total, safe_divide(first, jnp.stack([total, total])))
 
 
+@checked
 def convex_shadow_moments(triangles: Float[Array, "faces 3 3"], light: Light, plane: ReceivingPlane) -> ShadowMoments:
     """Of the shadow of a closed convex body: a tetrahedron, a box, a faceted sphere.
 
@@ -76,6 +82,7 @@ def convex_shadow_moments(triangles: Float[Array, "faces 3 3"], light: Light, pl
     return convex_moments(project(triangles, light, plane))
 
 
+@checked
 def sphere_shadow_moments(centre: Vector3, radius: Scalar, light: Light, plane: ReceivingPlane) -> ShadowMoments:
     """Of a sphere's shadow, an ellipse; see `closed_forms.sphere_shadow`."""
     ellipse = sphere_shadow(centre, radius, light, plane)

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
@@ -22,11 +23,13 @@ BLOCKS = [  # x, z, width, height, depth, turn in degrees, colour
 ]  # fmt: skip
 
 
+@checked
 def ground_height(x: Any, z: Any) -> Any:
     """Height of the rolling ground, metres."""
     return 0.16 * np.sin(1.5 * x + 0.4) * np.cos(1.2 * z - 0.3) + 0.07 * np.sin(2.3 * z + 0.8 * x)
 
 
+@checked
 def build(num_triangles: int) -> tuple[Mesh, Camera, tuple[Light, ...]]:
     """All curved surfaces get finer with the wish; the blocks stay."""
     fineness = np.sqrt(max(num_triangles - 12 * len(BLOCKS), 1) / DEFAULT)

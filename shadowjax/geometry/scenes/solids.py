@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
@@ -37,6 +38,7 @@ def cube() -> Part:
     return convex_hull(np.array(list(itertools.product((-1.0, 1.0), repeat=3))) / np.sqrt(3.0))
 
 
+@checked
 def standing(part: Part, face: int = 0) -> Part:
     """The convex body turned so that one of its faces lies in the plane y = 0."""
     a, b, c = part.vertices[part.faces[face]]
@@ -50,6 +52,7 @@ def standing(part: Part, face: int = 0) -> Part:
     return part.moved(y=-float(part.vertices[:, 1].min()))
 
 
+@checked
 def build(num_triangles: int) -> tuple[Mesh, Camera, tuple[Light, ...]]:
     """The five regular solids with a cylinder, a cone and a pyramid; the count does not change."""
     del num_triangles

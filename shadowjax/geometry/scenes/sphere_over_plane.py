@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import Checked, checked
 from shadowjax._numerics import dot
 from shadowjax._types import Scalar, Vector3, as_float_array
 from shadowjax.geometry.camera import Camera
@@ -16,7 +17,7 @@ from shadowjax.geometry.scenes.primitives import geodesic_sphere
 from shadowjax.geometry.scenes.quads import level_quad, quad_mesh
 
 
-class SphereOverPlane(eqx.Module):
+class SphereOverPlane(Checked):
     """A sphere above the origin, over the plane y = 0.
 
     Attributes:
@@ -66,6 +67,7 @@ class SphereOverPlane(eqx.Module):
         return jnp.min(dot(ball.face_normals(), ball.vertices[ball.faces[:, 0]] - self.centre))
 
 
+@checked
 def build(num_triangles: int) -> tuple[Mesh, Camera, tuple[Light, ...]]:
     """The frequency whose count is the nearest to the wish."""
     frequency = max(1, round(np.sqrt((num_triangles - 2) / 20)))

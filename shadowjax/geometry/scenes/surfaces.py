@@ -6,16 +6,19 @@ from typing import Any
 import numpy as np
 from scipy.spatial import Delaunay
 
+from shadowjax._checked import checked
 from shadowjax.geometry.scenes.parts import Part, Vector, make_part
 from shadowjax.geometry.scenes.primitives import compact, quads_to_triangles
 
 
+@checked
 def circle(radius: float, segments: int, centre: Vector = (0.0, 0.0)) -> np.ndarray:
     """(segments, 2) points of a regular polygon, counter-clockwise."""
     angles = 2 * np.pi * np.arange(segments) / segments
     return np.asarray(centre) + radius * np.stack([np.cos(angles), np.sin(angles)], -1)
 
 
+@checked
 def rectangle(width: float, height: float, pieces: int = 1) -> np.ndarray:
     """(4 pieces, 2) points of a rectangle about the origin, counter-clockwise, each side in equal pieces."""
     x, y = width / 2, height / 2
@@ -25,6 +28,7 @@ def rectangle(width: float, height: float, pieces: int = 1) -> np.ndarray:
     return np.concatenate(sides)
 
 
+@checked
 def sweep(
     section: np.ndarray,
     path: np.ndarray,
@@ -64,6 +68,7 @@ def sweep(
     return make_part(vertices, faces).outward()
 
 
+@checked
 def triangulate(loops: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Triangles of a flat region bounded by loops: an outline and its holes.
 
@@ -99,6 +104,7 @@ def triangulate(loops: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     return points, np.where((twice < 0)[:, None], triangles[:, ::-1], triangles)
 
 
+@checked
 def extrude(loops: Sequence[np.ndarray], thickness: float) -> Part:
     """Closed body between z = 0 and z = thickness over the flat region that loops bound in the xy plane."""
     points, triangles = triangulate(loops)
@@ -113,6 +119,7 @@ def extrude(loops: Sequence[np.ndarray], thickness: float) -> Part:
     return compact(vertices, np.concatenate([triangles[:, ::-1], triangles + count, *walls])).outward()
 
 
+@checked
 def landscape(
     half_x: float,
     half_z: float,

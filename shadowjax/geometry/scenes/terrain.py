@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from shadowjax._checked import checked
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
@@ -20,6 +21,7 @@ OCTAVES = 8
 _LATTICES = [np.random.default_rng(1 + octave).uniform(size=(3 * 2**octave + 2,) * 2) for octave in range(OCTAVES)]
 
 
+@checked
 def noise(octave: int, x: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Smooth value noise in [0, 1] whose cells halve with every octave; the same at every resolution of the mesh."""
     lattice = _LATTICES[octave]
@@ -33,6 +35,7 @@ def noise(octave: int, x: np.ndarray, z: np.ndarray) -> np.ndarray:
     return (1 - fv) * near + fv * far
 
 
+@checked
 def ground_height(x: Any, z: Any) -> Any:
     """Height of the land, metres: ridges at the back, a gentle valley in front."""
     ridges = sum(0.5**k * (1.0 - np.abs(2.0 * noise(k, x, z) - 1.0)) ** 2 for k in range(OCTAVES))
@@ -41,6 +44,7 @@ def ground_height(x: Any, z: Any) -> Any:
     return 26.0 * upland * ridges * (0.55 + 0.45 * np.cos(x / 26.0 - 0.35)) + 4.0 * hills
 
 
+@checked
 def painted_by_height(part: Part) -> Part:
     """Grass where it is low, rock where it is steep, snow where it is high, earth on the sides of the slab."""
     corners = part.vertices[part.faces]
@@ -67,6 +71,7 @@ def woods() -> Part:
     return scatter(tree, matrices, np.stack([x, ground_height(x, z), z], -1), tint)
 
 
+@checked
 def build(num_triangles: int) -> tuple[Mesh, Camera, tuple[Light, ...]]:
     """The height field takes all triangles that the trees leave."""
     per_area = max(num_triangles - NUM_TREES * TREE_TRIANGLES, 200) / 2 / (HALF_X * HALF_Z)

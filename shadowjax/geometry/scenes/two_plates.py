@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._checked import Checked, checked
 from shadowjax._types import Array, Float, Scalar, as_float_array
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
@@ -14,7 +15,7 @@ from shadowjax.geometry.scenes.closed_forms import Polygon, ReceivingPlane
 from shadowjax.geometry.scenes.quads import level_quad, quad_mesh
 
 
-class TwoPlates(eqx.Module):
+class TwoPlates(Checked):
     """A lower and an upper plate without thickness over the plane y = 0.
 
     Attributes:
@@ -69,6 +70,7 @@ class TwoPlates(eqx.Module):
         return closed_forms.project(self.corners()[1], light, self.lower_plane)
 
 
+@checked
 def build(num_triangles: int) -> tuple[Mesh, Camera, tuple[Light, ...]]:
     """The default plates; the count does not change."""
     del num_triangles
