@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, NoReturn
 from experiments import EXPERIMENTS, find
 from shadowjax import _process
 from shadowjax._printable import printable
-from shadowjax.io import check_output, json_text, output_folder, write_files
 
 if TYPE_CHECKING:
     from experiments import Outcome
@@ -46,6 +45,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _save(outcome: "Outcome", folder: Path) -> Path:
+    from shadowjax.io import json_text, write_files
     from shadowjax.plotting import figure_png, gif_bytes
 
     picture = folder / f"{outcome.name}.png"
@@ -75,6 +75,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         raise ValueError("--config belongs to one experiment; give its NAME")
     chosen = {name: find(name) for name in (EXPERIMENTS if asked.name == "all" else [asked.name])}
     from experiments import default_path, perform, read_config
+    from shadowjax.io import check_output, output_folder
 
     configs = {
         name: read_config(experiment.Config, asked.config or default_path(name), asked.quick)

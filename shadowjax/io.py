@@ -1,7 +1,5 @@
 """The only opener of files besides geometry.mesh_files: whole-file writes that never leave half a file, and TOML."""
 
-# Light imports only: options are read from TOML, and files refused, before anything heavy is imported.
-
 import contextlib
 import json
 import os

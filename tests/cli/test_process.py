@@ -65,7 +65,8 @@ def test_importing_touches_no_device():
 def test_the_package_loads_jax_when_it_is_asked_for():
     """Help, versions and refused options need none of it; every public name is there all the same."""
     program = (
-        "import sys, shadowjax, shadowjax.cli, shadowjax.cli.options; assert 'jax' not in sys.modules; "
+        "import sys, shadowjax, shadowjax.__main__, shadowjax.cli, shadowjax.cli.options, experiments.__main__; "
+        "assert 'jax' not in sys.modules; "
         "names = [getattr(shadowjax, name) for name in shadowjax.__all__]; assert 'jax' in sys.modules; "
         "assert set(shadowjax.__all__) <= set(dir(shadowjax)); assert not hasattr(shadowjax, 'nothing'); "
         "from shadowjax import *; assert Mesh is shadowjax.geometry.mesh.Mesh"
