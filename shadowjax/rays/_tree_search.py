@@ -7,7 +7,7 @@ from jax import lax
 from shadowjax._types import Array, Float, Int
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays._tree_build import LEAF_SIZE
-from shadowjax.rays.ray import MISS, Rays, edge_test, orthonormal_frame
+from shadowjax.rays.ray import MISS, Rays, corners_in_order, edge_test, orthonormal_frame
 
 # How far boxes are widened, in roundings of the largest offset between a ray's origin and the scene. The edge rule sees
 # corners that are off by at most about 8: rotated into the ray's frame, whose axes are rounded too.
@@ -43,7 +43,7 @@ class Fitted(eqx.Module):
 
 def fit(tree: Links, mesh: Mesh) -> Fitted:
     """Corners in the tree's order and the boxes around them, for any positions of the vertices."""
-    corners = mesh.vertices[mesh.faces[tree.order]]
+    corners = corners_in_order(mesh.vertices[mesh.faces[tree.order]])
     bounds = jnp.concatenate([jnp.min(corners, axis=1), jnp.min(-corners, axis=1)], axis=1)
     start, end = tree.first[:-1], tree.first[1:]
     places = [jnp.clip(start + k, 0, jnp.maximum(end - 1, 0)) for k in range(LEAF_SIZE)]

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from shadowjax._types import Array, Float, Int
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.caster import Caster, search_in_chunks
-from shadowjax.rays.ray import MISS, Hit, Rays, edge_test, intersect, orthonormal_frame
+from shadowjax.rays.ray import MISS, Hit, Rays, corners_in_order, edge_test, intersect, orthonormal_frame
 
 # Triangles tested per loop iteration: enough to hide the loop, few enough to compile quickly.
 UNROLL = 4
@@ -29,7 +29,7 @@ class BruteForce(Caster):
     def closest(self, mesh: Mesh, rays: Rays) -> Hit:
         """First hit of each ray; ties go to the lowest triangle index."""
         fixed = jax.lax.stop_gradient(rays)
-        triangles = jax.lax.stop_gradient(mesh.triangles())
+        triangles = corners_in_order(jax.lax.stop_gradient(mesh.triangles()))
         padding = -triangles.shape[0] % UNROLL
         # Padding triangles have three equal corners, which the edge rule always misses.
         triangles = jnp.concatenate([triangles, jnp.zeros((padding, 3, 3), triangles.dtype)])

@@ -1,5 +1,6 @@
 """The fast caster for coherent rays: each triangle is drawn into the cells whose rays can meet it."""
 
+import math
 from typing import Any
 
 import jax
@@ -19,11 +20,12 @@ from shadowjax.rays.brute import BruteForce
 from shadowjax.rays.bvh import BoundingVolumeHierarchy
 from shadowjax.rays.caster import Caster, checked_start
 from shadowjax.rays.light_space import LightSpace, farthest
-from shadowjax.rays.ray import MISS, Hit, Rays, intersect
+from shadowjax.rays.ray import MISS, Hit, Rays, faces_in_order, intersect
 from shadowjax.rays.ray_grid import RayGrid
 
-# Below this many triangles a tree is not worth building in every call.
-FEW_FACES = 4096
+# What a tree that is built in every call costs, counted in pairs of ray and triangle that brute force tests: once, for
+# each triangle, and for each ray. Measured by `python -m tests.benchmarks.thresholds`.
+TREE_PAIRS, TREE_PAIRS_A_FACE, TREE_PAIRS_A_RAY = 300_000, 300, 32
 
 
 class Grid(Caster):
@@ -35,14 +37,15 @@ class Grid(Caster):
     begin where their distance along the view is 10⁻⁶ of the far limit: what is nearer is not seen.
 
     Attributes:
-        others: The caster for rays that this one cannot draw; None takes a tree, or brute force for small meshes.
+        others: The caster for rays that this one cannot draw; None takes what is faster for so many: a tree, which
+            a traced mesh needs anew in every call, or brute force.
     """
 
     others: Caster | None = None
 
     def closest(self, mesh: Mesh, rays: Rays) -> Hit:
         """First hit of arbitrary rays, by `others`."""
-        return self._others(mesh).closest(mesh, rays)
+        return self._others(mesh, math.prod(rays.shape)).closest(mesh, rays)
 
     def closest_on_grid(self, mesh: Mesh, grid: RayGrid) -> Hit:
         """First hit of every ray of a grid, shape (rows, cols); ties in depth go to the lowest triangle index.
@@ -52,7 +55,7 @@ class Grid(Caster):
             grid: Rays of one space; its plane map must keep the sides of the unit square straight.
         """
         if not is_projective(grid.space):
-            return self._others(mesh).closest_on_grid(mesh, grid)
+            return self._others(mesh, grid.num_rows * grid.num_cols).closest_on_grid(mesh, grid)
         _, face = _search(jax.lax.stop_gradient(mesh), jax.lax.stop_gradient(grid), True)
         return intersect(mesh, grid.rays(), face)
 
@@ -62,7 +65,8 @@ class Grid(Caster):
         The depth that is compared with the start is that of `depth_on_grid`.
         """
         if not is_projective(grid.space):
-            return self._others(mesh).closest_beyond_on_grid(mesh, grid, start_depth)
+            others = self._others(mesh, grid.num_rows * grid.num_cols)
+            return others.closest_beyond_on_grid(mesh, grid, start_depth)
         start = checked_start(grid, start_depth)
         _, face = _search(*jax.lax.stop_gradient((mesh, grid)), True, start)
         return intersect(mesh, grid.rays(), face)
@@ -70,22 +74,23 @@ class Grid(Caster):
     def depth_on_grid(self, mesh: Mesh, grid: RayGrid) -> Float[Array, "rows cols"]:
         """Depth alone, the fastest answer; its gradient is that of `closest_on_grid`.
 
-        Depth comes from the triangle's plane as it is drawn, and agrees with `closest_on_grid` to a few roundings.
+        Depth comes from the triangle's plane as it is drawn, and agrees with `closest_on_grid` to a few roundings of
+        positions, each divided by the cosine between ray and normal: take its depth where rays graze triangles.
         """
         if not is_projective(grid.space):
-            return self._others(mesh).closest_on_grid(mesh, grid).depth
+            return self._others(mesh, grid.num_rows * grid.num_cols).closest_on_grid(mesh, grid).depth
         return _depth(mesh, grid)
 
     def faces_on_grid(self, mesh: Mesh, grid: RayGrid) -> tuple[Float[Array, "rows cols"], Int[Array, "rows cols"]]:
         """Depth as in `depth_on_grid`, and the triangle hit (−1 for a miss), without barycentrics."""
         if not is_projective(grid.space):
-            hit = self._others(mesh).closest_on_grid(mesh, grid)
+            hit = self._others(mesh, grid.num_rows * grid.num_cols).closest_on_grid(mesh, grid)
             return hit.depth, hit.face
         return _depth_and_face(mesh, grid)
 
     def prepared(self, mesh: Mesh) -> "Grid":
         """With a caster for other rays that has built its tree, if it needs one."""
-        return Grid(self._others(mesh).prepared(mesh))
+        return Grid(self._others(mesh, None).prepared(mesh))
 
     def prefers_images(self, space: LightSpace) -> bool:
         """True for spaces whose points are sorted: many at once, since all triangles are drawn for them."""
@@ -96,13 +101,21 @@ class Grid(Caster):
     ) -> Bool[Array, "*points"]:
         """The exact shadow test; see `Caster.visible`. All rays of a light share its plane, so no ray is traced."""
         if not is_projective(space):
-            return self._others(mesh).visible(mesh, space, points, normals)
+            return self._others(mesh, math.prod(points.shape[:-1])).visible(mesh, space, points, normals)
         return _visible(*jax.lax.stop_gradient((mesh, space, points, normals)))
 
-    def _others(self, mesh: Mesh) -> Caster:
+    def _others(self, mesh: Mesh, num_rays: int | None) -> Caster:
+        """The caster for so many other rays; None for many casts of one tree."""
         if self.others is not None:
             return self.others
-        return BruteForce() if mesh.num_faces < FEW_FACES else BoundingVolumeHierarchy()
+        return BoundingVolumeHierarchy() if tree_is_faster(mesh.num_faces, num_rays) else BruteForce()
+
+
+def tree_is_faster(num_faces: int, num_rays: int | None) -> bool:
+    """Whether building a tree and walking it takes less time than brute force; for any number of rays if None."""
+    if num_rays is None:
+        return num_faces > TREE_PAIRS_A_RAY
+    return num_rays * (num_faces - TREE_PAIRS_A_RAY) > TREE_PAIRS + TREE_PAIRS_A_FACE * num_faces
 
 
 def _search(mesh: Mesh, grid: RayGrid, with_face: bool, start: Array | None = None) -> tuple[Array, Array]:
@@ -113,6 +126,9 @@ def _search(mesh: Mesh, grid: RayGrid, with_face: bool, start: Array | None = No
 
     @one_by_one
     def one(mesh: Mesh, grid: RayGrid, start: Array | None) -> tuple[Array, Array]:
+        if with_face:
+            # Depth alone has no ties.
+            mesh = Mesh(mesh.vertices, faces_in_order(mesh), mesh.face_colors)
         table = view(grid)
         floor = None if start is None else key_of_depth(grid, table, start)
         # A loop over triangles is the fastest way on a processor, and hopeless on an accelerator.

@@ -19,7 +19,7 @@ from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.bands import band_from
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.light_space import LightSpace
-from shadowjax.rays.ray import MISS, Hit, intersect
+from shadowjax.rays.ray import MISS, Hit, faces_in_order, intersect
 from shadowjax.rays.ray_grid import RayGrid
 
 _Tree = TypeVar("_Tree")
@@ -276,7 +276,9 @@ def _cast_shares(caster: Caster, mesh: Mesh, grid: RayGrid, device_mesh: DeviceM
     num = device_mesh.size
     spare = -mesh.num_faces % num
     # A triangle with its corners in one place is always missed.
-    dealt = jnp.concatenate([mesh.faces, jnp.zeros((spare, 3), mesh.faces.dtype)]).reshape(-1, num, 3)
+    # In one order on all devices, so that copies of a triangle are equally near.
+    ordered = faces_in_order(lax.stop_gradient(mesh))
+    dealt = jnp.concatenate([ordered, jnp.zeros((spare, 3), ordered.dtype)]).reshape(-1, num, 3)
 
     def faces(arrays: Any, vertices: Any, dealt: Any, grid: RayGrid) -> Int[jax.Array, "rows cols"]:
         share = Mesh(vertices, dealt[:, 0], jnp.zeros(dealt[:, 0].shape, vertices.dtype))

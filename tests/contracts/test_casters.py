@@ -4,9 +4,11 @@ The plain call is compiled, but neither batched, branched nor looped. By default
 the way that asks most; `--long` transforms every operation in every way.
 """
 
+import itertools
 from collections.abc import Callable, Iterable
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -178,3 +180,26 @@ def test_every_operation_transformed_equals_the_plain_call(caster, operation, ki
             check(operation, caster, kind, ["vmap(jit(branch))", "vmap(jit(loop))"], True)
         return
     check(operation, caster, kind, TRANSFORMATIONS, operation != "visible")
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, pytest.param(jnp.float64, marks=pytest.mark.long)], ids=str)
+@pytest.mark.parametrize("caster", CASTERS)
+def test_of_copies_of_a_triangle_the_lowest_index_wins_whatever_corner_they_begin_with(caster, dtype):
+    """Every triangle six times, with its corners in every order; needles too, whose depths round most."""
+    rng = np.random.default_rng(5)
+    num = 40
+    corners = rng.uniform(-1, 1, (num, 1, 3)) + rng.normal(0, 0.5, (num, 3, 3))
+    corners[::2, 2] = corners[::2, 0] + 0.6 * (corners[::2, 1] - corners[::2, 0]) + rng.normal(0, 0.05, (num // 2, 3))
+    orders = list(itertools.permutations(range(3)))
+    copies = np.concatenate([corners[:, order] for order in orders]).reshape(-1, 3)
+    mesh = Mesh.create(copies, np.arange(len(copies)).reshape(-1, 3), dtype=dtype)
+    for kind in ("directional", "spot"):
+        space = light_space(lights(dtype)[kind], jnp.asarray([0.1, 0.2, 1.0], dtype), *mesh.bounds())
+        half = jnp.full(2, 0.8 if kind == "directional" else 0.3, dtype)
+        grid = RayGrid(space, Box(-half, half), farthest(space, *mesh.bounds()), 40, 40)
+        face = np.asarray(cast_grid(make_caster(caster), mesh, grid).face)
+        assert np.sum(face >= 0) > 500
+        assert face.max() < num, f"{np.sum(face >= num)} of {np.sum(face >= 0)} hits go to a later copy"
+
+
+cast_grid = eqx.filter_jit(lambda caster, mesh, grid: caster.closest_on_grid(mesh, grid))

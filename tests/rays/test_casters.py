@@ -1,9 +1,13 @@
 """The registry of casters."""
 
 import pytest
+from shapes import random_soup
 
+from shadowjax import BruteForce
+from shadowjax.rays.bvh import BoundingVolumeHierarchy
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import CASTERS, DEFAULT_CASTER, default_caster, make_caster
+from shadowjax.rays.grid import Grid, tree_is_faster
 
 
 def test_every_entry_makes_a_caster_and_the_default_is_one():
@@ -14,3 +18,16 @@ def test_every_entry_makes_a_caster_and_the_default_is_one():
 def test_an_unknown_name_is_said():
     with pytest.raises(ValueError, match="caster must be one of 'brute'"):
         make_caster("slow")
+
+
+def test_bent_rays_go_to_a_tree_where_building_one_is_worth_it():
+    """A map of a point light over thousands of triangles takes half a minute by brute force."""
+    many, few = 1024 * 1024, 64
+    assert tree_is_faster(3624, many)
+    assert tree_is_faster(80, many)
+    assert not tree_is_faster(12, many)
+    assert not tree_is_faster(1282, few)
+    grid = Grid()
+    assert isinstance(grid._others(random_soup(200, 0), many), BoundingVolumeHierarchy)
+    assert isinstance(grid._others(random_soup(200, 0), few), BruteForce)
+    assert grid.prepared(random_soup(200, 0)).others.tree is not None
