@@ -27,6 +27,20 @@ def safe_sqrt(value: Float[Array, "..."]) -> Float[Array, "..."]:
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, value, jnp.ones_like(value))), jnp.zeros_like(value))
 
 
+def larger(a: Float[Array, "..."], b: Float[Array, "..."] | float) -> Float[Array, "..."]:
+    """The larger of two, with the whole gradient of the one taken, of the first where they are equal.
+
+    Where two formulas are equal by design, the gradient of `jnp.maximum` is at the mercy of rounding: it compares each
+    with a result that a compiler may have worked out in another way, and neither may then be equal to it.
+    """
+    return jnp.where(a >= b, a, b)
+
+
+def largest(values: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
+    """The largest over the last axis, with the whole gradient of the first that is; see `larger`."""
+    return jnp.take_along_axis(values, jnp.argmax(values, axis=-1)[..., None], axis=-1)[..., 0]
+
+
 def norm(vector: Float[Array, "*batch d"], keepdims: bool = False) -> Float[Array, "..."]:
     """Euclidean length over the last axis; its gradient at the zero vector is 0."""
     length = safe_sqrt(dot(vector, vector))

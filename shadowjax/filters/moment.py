@@ -1,10 +1,13 @@
 """Moment shadow maps: the sharpest bound on visibility from four moments of depth, on the line or on an interval."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax.numpy as jnp
 
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice
+from shadowjax._numerics import safe_divide, safe_sqrt
 from shadowjax._types import Array, Float
 from shadowjax.filters.encoded import Encoded, Values
 from shadowjax.filters.prefilter import Prefilter
@@ -60,7 +63,7 @@ def hamburger_visibility(moments: Values, depth: Numbers) -> Numbers:
     """
     central = _Central.of(moments)
     t = depth - central.mean
-    return 1 - central.share_before(t, *central.partners(t))
+    return 1 - central.share_before(t, central.partners(t))
 
 
 @checked
@@ -72,17 +75,34 @@ def hausdorff_visibility(moments: Values, depth: Numbers) -> Numbers:
 
     Args:
         moments: E[z] … E[z⁴].
-        depth: Receiver's depth; limited to [−1, 1 − 2⁻¹⁰], since at 1 two of the points meet.
+        depth: Receiver's depth; limited to [−1, 1].
 
     Source: Peters and Klein 2015, "Moment Shadow Mapping", section 3 (four moments, Hausdorff).
     """
     central = _Central.of(moments)
     t = depth - central.mean
-    low, high = central.partners(t)
-    inside = (low + central.mean >= -1) & (high + central.mean <= 1)
-    three = central.share_before(t, low, high)
-    four = _shadow_of_four_points(moments, jnp.clip(depth, -1.0, 1.0 - END_GAP))
+    partners = central.partners(t)
+    inside = jnp.ones_like(t, bool)
+    for point in partners:
+        inside &= jnp.abs(point.above + central.mean * point.below) <= point.below
+    three = central.share_before(t, partners)
+    four = _shadow_of_four_points(moments, jnp.clip(depth, -1.0, 1.0))
     return 1 - jnp.where(inside, three, four)
+
+
+class _Point(NamedTuple):
+    """A depth as a ratio whose lower part is ≥ 0: 0 stands for a point at infinity, which weighs nothing."""
+
+    above: Numbers
+    below: Numbers
+
+    @classmethod
+    def of(cls, above: Numbers, below: Numbers) -> "_Point":
+        """The ratio, brought to size 1."""
+        size = jnp.maximum(jnp.abs(above), jnp.abs(below))
+        size = jnp.where(size > 0, size, jnp.ones_like(size))
+        size = jnp.where(below < 0, -size, size)
+        return cls(above / size, below / size)
 
 
 class _Central(Checked):
@@ -97,61 +117,43 @@ class _Central(Checked):
     def of(cls, moments: Values) -> "_Central":
         b1, b2, b3, b4 = moments
         few = 8 * jnp.finfo(b1.dtype).eps
-        square = b1 * b1
-        variance = jnp.maximum(b2 - square, few)
-        third = b3 - 3 * b1 * b2 + 2 * b1 * square
-        fourth = b4 - 4 * b1 * b3 + 6 * square * b2 - 3 * square * square
-        skew = third / variance
-        rest = jnp.maximum(fourth - third * skew - variance * variance, few * variance)
+        # By covariances of z and z²: fewer sums, so fewer digits lost, than by central moments one by one.
+        variance = jnp.maximum(b2 - b1 * b1, few)
+        slope = (b3 - b1 * b2) / variance
+        rest = jnp.maximum(b4 - b2 * b2 - (b3 - b1 * b2) * slope, few * variance)
+        skew = slope - 2 * b1
         return cls(b1, variance, skew, rest)
 
-    def kernel(self, x: Numbers) -> Numbers:
-        """K(x, x) ≥ 1, the inverse weight of a point of the attaining distribution."""
-        second = x * x - self.skew * x - self.variance
-        return 1 + x * x / self.variance + second * second / self.rest
+    def weight(self, point: _Point) -> Numbers:
+        """Weight 1/K(x, x) of a point of the attaining distribution, in [0, 1]; it falls to 0 towards infinity."""
+        up, down = point
+        square = down * down
+        second = up * up - self.skew * up * down - self.variance * square
+        whole = square * square
+        return whole / (whole + up * up * square / self.variance + second * second / self.rest)
 
-    def share_before(self, t: Numbers, low: Numbers, high: Numbers) -> Numbers:
+    def share_before(self, t: Numbers, partners: tuple[_Point, _Point]) -> Numbers:
         """Weight of the two partners of t that lie before it."""
-        low_kernel, high_kernel, kernel = self.kernel(low), self.kernel(high), self.kernel(t)
-        # Weights 1/K add up to 1. Where rounding has left few digits of h₂, one of them is off and the sum tells. With
-        # all three multiplied by the product of the K, one division remains.
-        weights = (high_kernel * kernel, low_kernel * kernel, low_kernel * high_kernel)
-        before = jnp.where(t > low, weights[0], 0.0) + jnp.where(t > high, weights[1], 0.0)
-        return before / (weights[0] + weights[1] + weights[2])
+        whole = self.weight(_Point.of(t, jnp.ones_like(t)))
+        before = jnp.zeros_like(t)
+        for point in partners:
+            weight = self.weight(point)
+            before = before + jnp.where(t * point.below > point.above, weight, 0.0)
+            whole = whole + weight
+        # Weights add up to 1. Where rounding has left few digits of h₂, one of them is off and the sum tells.
+        return before / whole
 
-    def partners(self, t: Numbers) -> tuple[Numbers, Numbers]:
-        """The other two points, in order: roots of K(x, t) in x. One runs to infinity where p₂(t) is 0."""
+    def partners(self, t: Numbers) -> tuple[_Point, _Point]:
+        """The other two points: roots of K(x, t) in x. One runs to infinity where p₂(t) is 0."""
         second = t * t - self.skew * t - self.variance
         a = second * self.variance
         b = t * self.rest - second * self.skew * self.variance
         c = self.variance * (self.rest - second * self.variance)
         # The roots are real; rounding may say otherwise.
-        root = _safe_root(b * b - 4 * a * c)
+        root = safe_sqrt(b * b - 4 * a * c)
         # The half-sum without cancellation; the other root follows from the product.
         half = -0.5 * (b + jnp.where(b >= 0, root, -root))
-        one, two = _far_divide(half, a), _far_divide(c, half)
-        return jnp.minimum(one, two), jnp.maximum(one, two)
-
-
-def _safe_root(value: Numbers) -> Numbers:
-    positive = value > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, value, jnp.ones_like(value))), jnp.zeros_like(value))
-
-
-# How far a receiver stays from the far end of the interval among four points.
-END_GAP = 2.0**-10
-
-# Farther than this in [−1, 1] a point weighs nothing, and its fourth power is still finite in float16.
-_FAR = 8.0
-
-
-def _far_divide(numerator: Numbers, denominator: Numbers) -> Numbers:
-    """The quotient, kept within ±`_FAR`."""
-    too_far = jnp.abs(numerator) >= _FAR * jnp.abs(denominator)
-    quotient = numerator / jnp.where(too_far, jnp.ones_like(denominator), denominator)
-    negative = (numerator < 0) ^ (denominator < 0)
-    far = jnp.where(negative, -_FAR, _FAR).astype(numerator.dtype)
-    return jnp.where(too_far, far, quotient)
+        return _Point.of(half, a), _Point.of(c, half)
 
 
 def _shadow_of_four_points(moments: Values, t: Numbers) -> Numbers:
@@ -160,21 +162,24 @@ def _shadow_of_four_points(moments: Values, t: Numbers) -> Numbers:
     # E[(z²−1)(z−t)] and E[(z²−1)(z−t)z].
     lower = b3 - t * b2 - b1 + t
     upper = b4 - t * b3 - b2 + t * b1
-    x = jnp.clip(_far_divide(upper, lower), -1.0, 1.0)
+    size = jnp.maximum(jnp.abs(lower), jnp.abs(upper))
+    # Between −1 and 1 but for rounding; where both vanish, three points do and the fourth weighs nothing.
+    x = jnp.where(jnp.abs(upper) < jnp.abs(lower), safe_divide(upper, lower), jnp.sign(upper) * jnp.sign(lower))
+    x = jnp.where(size > 0, x, jnp.zeros_like(x))
 
     def weight(at: Numbers, others: tuple[Numbers, Numbers, Numbers]) -> Numbers:
         """E of the cubic that is 1 at `at` and 0 at the others."""
         p, q, r = others
         value = b3 - (p + q + r) * b2 + (p * q + q * r + r * p) * b1 - p * q * r
-        scale = (at - p) * (at - q) * (at - r)
-        lost = scale == 0
-        return jnp.where(lost, jnp.zeros_like(value), value / jnp.where(lost, jnp.ones_like(scale), scale))
+        return safe_divide(value, (at - p) * (at - q) * (at - r))
 
     one = jnp.ones_like(t)
-    # Whichever two of x, −1 and t lie close together, the weights of the other side are well conditioned.
-    ends = weight(-one, (x, t, one))
-    rest = 1 - weight(t, (-one, x, one)) - weight(one, (-one, x, t))
-    return jnp.clip(jnp.where(x < t, rest, ends), 0.0, 1.0)
+    end = weight(-one, (x, t, one))
+    # Two points that lie close together have weights that only their sum keeps the digits of: take the other two.
+    far_sum = 1 - weight(t, (-one, x, one)) - weight(one, (-one, x, t))
+    near_sum = end + weight(x, (-one, t, one))
+    both = jnp.where(x + 1 < 1 - t, far_sum, near_sum)
+    return jnp.clip(jnp.where(x < t, both, end), 0.0, 1.0)
 
 
 class Moments(Encoded):

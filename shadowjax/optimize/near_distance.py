@@ -2,32 +2,45 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require_choice
+from shadowjax._numerics import larger
 from shadowjax._types import Array, ArrayLike, Float
 from shadowjax.warps.light_frustum import SECTIONS, LightFrustum, Section
 from shadowjax.warps.lispsm import generalised
 from shadowjax.warps.minimax import balanced, least_storage, minimax
-from shadowjax.warps.prediction import max_error_x, max_error_z, storage_factor
+from shadowjax.warps.prediction import error_pieces, max_error_x, max_error_z, storage_factor
+from shadowjax.warps.roots import least_largest
+from shadowjax.warps.rounding import rounding_bound
 
-Objective = Callable[[LightFrustum, Array, Section], Array]
 
-OBJECTIVES: dict[str, tuple[Objective, Callable[[LightFrustum, Section], Array]]] = {
-    "z": (max_error_z, minimax),
-    "storage": (storage_factor, least_storage),
-    "both": (
-        lambda frustum, q, section: jnp.maximum(max_error_x(frustum, q, section), max_error_z(frustum, q, section)),
-        lambda frustum, section: balanced(frustum, section=section),
-    ),
+class Objective(NamedTuple):
+    """What an n' is to make least.
+
+    Attributes:
+        value: The objective of a frustum, an n' and a section.
+        closed: The best n' in closed form.
+    """
+
+    value: Callable[[LightFrustum, Array, Section], Array]
+    closed: Callable[[LightFrustum, Section], Array]
+
+
+def _larger(frustum: LightFrustum, near_distance: Array, section: Section) -> Array:
+    return larger(max_error_x(frustum, near_distance, section), max_error_z(frustum, near_distance, section))
+
+
+OBJECTIVES: dict[str, Objective] = {
+    "z": Objective(max_error_z, minimax),
+    "storage": Objective(storage_factor, least_storage),
+    "both": Objective(_larger, lambda frustum, section: balanced(frustum, section=section)),
 }
-STEPS = 80  # halvings of a bracket of at most 60 in ln n': finer than float64
 
 
 class Certificate(Checked):
@@ -39,9 +52,12 @@ class Certificate(Checked):
         slope_above: The same just above; not negative, unless the optimum is the uniform map.
         uniform: Whether nothing beats the uniform map, whose n' is ∞ and reported as a large number.
         closed_form: n' of the closed form for the same objective.
-        difference: |n'/closed_form − 1|, or 0 where both are the uniform map. Large where equally good n' differ: M_x
-            over the whole section is constant at γ_lim.
+        difference: |n' − closed_form| over the larger of them, in [0, 1); 0 where both are the uniform map.
+        equally_good: Whether the objective at both is the same to within `rounding` of each; then a difference only
+            says that the optimum is flat: M_x over the whole section is constant at γ_lim.
         excess: Objective at the closed form over the objective found, less 1.
+        rounding: Bound on the relative rounding error of `error`, by running error analysis of its own sums and
+            products for the numbers given (`shadowjax.warps.rounding`): sums that lose digits make it large.
     """
 
     equioscillation: Float[Array, "..."]
@@ -50,11 +66,13 @@ class Certificate(Checked):
     uniform: Array
     closed_form: Float[Array, "..."]
     difference: Float[Array, "..."]
+    equally_good: Array
     excess: Float[Array, "..."]
+    rounding: Float[Array, "..."]
 
 
 class NearDistance(Checked):
-    """The best n' of a view and a light.
+    """The best n' of views and lights; every field has the shape that the views' numbers broadcast to.
 
     Attributes:
         near_distance: n', world units.
@@ -82,31 +100,17 @@ def _plain(value: Array) -> Any:
 
 @checked
 def search(frustum: LightFrustum, objective: str = "z", section: Section = "axis") -> Float[Array, ""]:
-    """n' of one frustum by bisecting the sign of the objective's derivative; no closed form is used.
+    """n' of one frustum by bisecting the sign of the objective's slope along ln n'; no closed form is used.
 
-    Every objective here falls, then rises, along n' (or only falls, towards the uniform map), so the sign of its
-    derivative by ln n' changes once, at a smooth minimum as well as at a kink between two branches.
+    Every objective here falls, then rises, along n', or only falls, towards the uniform map. The optimum carries its
+    implicit derivative: at a smooth minimum from the slope, at a kink from the two pieces that meet there.
     """
-    value, _ = OBJECTIVES[objective]
-    upper = jnp.log(frustum.uniform_near_distance)
-    lower = jnp.log(frustum.near) - math.log(1e6)
-    log_error = _log_error(value, frustum, section)
-
-    def rises(x: Array, _: Any) -> Array:
-        slope = jax.jvp(log_error, (x,), (jnp.ones_like(x),))[1]
-        # A flat stretch counts as falling: of equally good n' take the largest. Rounding of the slope is that of W/n'.
-        rounding = 8 * float(jnp.finfo(x.dtype).eps) * jnp.minimum(frustum.extent * jnp.exp(-x), 1.0)
-        up = (slope > rounding) | (x >= upper)
-        return jnp.where(up & (x > lower), 1.0, -1.0).astype(x.dtype)
-
-    solver = optx.Bisection(rtol=1e-16, atol=1e-16, flip=False)
-    ends = {"lower": jax.lax.stop_gradient(lower), "upper": jax.lax.stop_gradient(upper)}
-    found = optx.root_find(rises, solver, (lower + upper) / 2, options=ends, max_steps=STEPS, throw=False)
-    return jnp.exp(jax.lax.stop_gradient(found.value))
-
-
-def _log_error(value: Objective, frustum: LightFrustum, section: Section) -> Callable[[Array], Array]:
-    return lambda x: jnp.log(value(frustum, jnp.exp(x), section))
+    pieces = error_pieces(frustum, objective, section)
+    rounding = 4 * float(jnp.finfo(frustum.near.dtype).eps)
+    low = jnp.log(frustum.near) - math.log(1e6)
+    high = jnp.log(frustum.uniform_near_distance)
+    found = least_largest(lambda x: pieces.logs(jnp.exp(x)), low, high, lambda x: rounding * pieces.terms(jnp.exp(x)))
+    return jnp.exp(found)
 
 
 @checked
@@ -120,16 +124,18 @@ def solve(frustum: LightFrustum, objective: str = "z", section: Section = "axis"
     # beyond this n' the objective differs from the uniform map's by less than rounding
     flat = 1e-3 * frustum.uniform_near_distance
     uniform = (distance > flat) & (exact > flat)
-    log_error, x = _log_error(value, frustum, section), jnp.log(distance)
+    x = jnp.log(distance)
     step = float(jnp.finfo(x.dtype).eps) ** 0.5 * jnp.ones_like(x)
-    slopes = [jax.jvp(log_error, (x + side * step,), (jnp.ones_like(x),))[1] for side in (-1, 1)]
-    offset, slope = frustum.worst_line(section)
-    high = 1 + offset / distance, 1 + (offset + slope * (frustum.far - frustum.near)) / distance
-    unequal = jnp.abs(jnp.log(high[0] ** 2 / frustum.near / (high[1] ** 2 / frustum.far)))
-    difference = jnp.where(uniform, jnp.zeros_like(x), jnp.abs(distance / exact - 1))
-    certificate = Certificate(
-        unequal, slopes[0], slopes[1], uniform, exact, difference, value(frustum, exact, section) / best - 1
-    )
+    pieces = error_pieces(frustum, objective, section)
+    largest = lambda x: jnp.max(pieces.logs(jnp.exp(x)))  # noqa: E731
+    slopes = [jax.jvp(largest, (x + side * step,), (jnp.ones_like(x),))[1] for side in (-1, 1)]
+    along = error_pieces(frustum, "z", section).logs(distance)
+    unequal = jnp.abs(along[0] - along[1])
+    difference = jnp.where(uniform, jnp.zeros_like(x), jnp.abs(distance - exact) / jnp.maximum(distance, exact))
+    excess = value(frustum, exact, section) / best - 1
+    bound = rounding_bound(frustum, distance, objective, section)
+    alike = jnp.abs(excess) <= 2 * bound
+    certificate = Certificate(unequal, slopes[0], slopes[1], uniform, exact, difference, alike, excess, bound)
     return NearDistance(distance, best, published, value(frustum, published, section) / best, certificate)
 
 
@@ -151,6 +157,9 @@ def near_distance(
     objective: str = "z",
 ) -> NearDistance:
     """The best n' of a perspective warp for one or many views and lights.
+
+    The four numbers of a view broadcast against each other, and every result has their shape. n' and its error carry
+    their implicit derivative by all four, under `jit` and `vmap`, forward and reverse.
 
     Args:
         near: Depth n of the near plane, world units, > 0.

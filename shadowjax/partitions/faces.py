@@ -112,8 +112,9 @@ def face_near_distance(low: Numbers, start: Numbers, length: Numbers, near: Numb
     Source: warping, eq. 37–39, carried over to a face.
     """
     offset, extent = start - low, length - low
-    root = jnp.sqrt(far) - jnp.sqrt(near)
-    equalising = (extent * jnp.sqrt(near) - offset * jnp.sqrt(far)) / root
+    # √f − √n as (f − n)/(√f + √n), which keeps its digits in thin slices
+    sums = jnp.sqrt(far) + jnp.sqrt(near)
+    equalising = (length * jnp.sqrt(near) - start * jnp.sqrt(far)) * sums / (far - near) + low
     slack = extent - 2 * offset
     largest = extent * (4 / float(jnp.finfo(extent.dtype).eps))  # the uniform map to the last bit
     minimum = jnp.where(slack > 0, offset * extent / jnp.maximum(slack, offset * extent / largest), largest)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require_choice, require_finite, require_value
+from shadowjax._numerics import larger
 from shadowjax._types import Array, ArrayLike, Float, as_float_array
 
 Section = Literal["axis", "whole"]
@@ -84,14 +85,22 @@ class LightFrustum(Checked):
         return self.tan_y * jnp.cos(self.gamma)
 
     @property
+    def low_slope(self) -> Float[Array, "..."]:
+        """sin γ − tg φ_y·cos γ: how far z' moves for a unit of depth along the frustum's lower edge.
+
+        From the angles, sin(γ − φ_y)/cos φ_y: near γ = φ_y the two terms lose all their digits to each other.
+        """
+        return jnp.sin(self.gamma - self.phi_y) / jnp.cos(self.phi_y)
+
+    @property
     def low_near(self) -> Float[Array, "..."]:
         """Offset of the near plane's lowest edge above the frustum's lowest point; 0 unless γ < φ_y."""
-        return (self.far - self.near) * jnp.maximum(self.tilt - self.sine, 0)
+        return (self.far - self.near) * larger(-self.low_slope, 0.0)
 
     @property
     def low_far(self) -> Float[Array, "..."]:
         """Offset of the far plane's lowest edge above the frustum's lowest point; 0 unless γ > φ_y."""
-        return (self.far - self.near) * jnp.maximum(self.sine - self.tilt, 0)
+        return (self.far - self.near) * larger(self.low_slope, 0.0)
 
     @property
     def extent(self) -> Float[Array, "..."]:
@@ -111,11 +120,13 @@ class LightFrustum(Checked):
 
     def bounded(self, near_distance: Float[Array, "..."]) -> Float[Array, "..."]:
         """A near distance kept at or below the one that stands for ∞; infinite ones become it."""
-        return jnp.minimum(near_distance, self.uniform_near_distance)
+        uniform = self.uniform_near_distance
+        return jnp.where(near_distance < uniform, near_distance, uniform)
 
     def ratio(self, numerator: Float[Array, "..."], denominator: Float[Array, "..."]) -> Float[Array, "..."]:
-        """numerator/denominator for a positive numerator; the uniform map where the denominator is not positive."""
-        return numerator / jnp.maximum(denominator, numerator / self.uniform_near_distance)
+        """numerator/denominator for a numerator ≥ 0; the uniform map where the denominator is not positive."""
+        tiny = float(jnp.finfo(denominator.dtype).tiny) ** 0.5  # 0/0 would be no number, and its gradient neither
+        return numerator / larger(denominator, larger(numerator, tiny) / self.uniform_near_distance)
 
     def offset(self, depth: Float[Array, "..."], height: Float[Array, "..."] | float = 0.0) -> Float[Array, "..."]:
         """z' − n' of camera points.
@@ -146,11 +157,9 @@ class LightFrustum(Checked):
 
     def slack(self, section: Section = "axis") -> Float[Array, "..."]:
         """W − 2E of a section's worst line, summed so that it keeps its digits as γ → 0."""
-        length = self.far - self.near
-        if section == "axis":
-            return length * (self.sine + jnp.minimum(self.tilt, self.sine))
-        offset, slope = self.worst_line(section)
-        return length * slope - offset
+        require_choice(section, "section", SECTIONS)
+        axis = (self.far - self.near) * (self.sine + jnp.where(self.low_slope > 0, self.tilt, self.sine))
+        return axis if section == "axis" else axis - 2 * self.near * self.tilt
 
     def half_width(self, strength: Float[Array, "..."]) -> Float[Array, "..."]:
         """Half width, at z' = n', of the smallest P that encloses all 8 corners, world units.
@@ -161,7 +170,7 @@ class LightFrustum(Checked):
         Source: n'·tg φ'_x of warping, eq. 20, with the true opening instead of f·tg φ_x/f'.
         """
         near, far = self.near / (1 + strength * self.low_near), self.far / (1 + strength * self.low_far)
-        return self.tan_x * jnp.maximum(near, far)
+        return self.tan_x * larger(near, far)
 
 
 @checked

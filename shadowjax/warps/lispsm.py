@@ -35,7 +35,7 @@ def wimmer(frustum: LightFrustum) -> Float[Array, "..."]:
 
     Source: warping, eq. 27.
     """
-    return frustum.near + jnp.sqrt(frustum.far * frustum.near) + jnp.zeros_like(frustum.gamma)
+    return frustum.near + mean_depth(frustum) + jnp.zeros_like(frustum.gamma)
 
 
 @checked
@@ -52,13 +52,20 @@ def equalising(frustum: LightFrustum, section: Section = "axis") -> Float[Array,
     """The n' that makes the z error equal at near and far plane; not positive where none does.
 
     With the worst line's offset E + g·(z − n), equality of (n' + offset)²/z at both planes gives
-    n' = (n + √(fn))·g − E. On the axis this is the source's n'₁ for γ ≥ φ and n'₂ below. It turns negative only for
+    n' = (n + √(fn))·g − E; with e = sin γ − tg φ·cos γ of the lower edge that is √(fn)·g + e·n, or e·f where e < 0,
+    which keeps its digits. On the axis this is the source's n'₁ for γ ≥ φ and n'₂ below. It turns negative only for
     tg γ < tg φ/(1 + √(n/f)), not for all γ ≤ φ as the source says.
 
     Source: warping, eq. 39 (whose first line must read m_z).
     """
-    offset, slope = frustum.worst_line(section)
-    return (frustum.near + jnp.sqrt(frustum.far * frustum.near)) * slope - offset
+    _, slope = frustum.worst_line(section)
+    edge = frustum.low_slope
+    return mean_depth(frustum) * slope + jnp.where(edge >= 0, frustum.near, frustum.far) * edge
+
+
+def mean_depth(frustum: LightFrustum) -> Float[Array, "..."]:
+    """√(fn), without the product, which leaves the range of small formats."""
+    return frustum.near * jnp.sqrt(frustum.far / frustum.near)
 
 
 @checked
@@ -101,13 +108,23 @@ def generalised(frustum: LightFrustum, fade: Fade = "squared") -> Float[Array, "
 
     Source: warping, eq. 40–44.
     """
+    return jnp.where(frustum.gamma >= frustum.gamma_limit, equalising(frustum), faded(frustum, fade))
+
+
+def faded(frustum: LightFrustum, fade: Fade = "squared") -> Float[Array, "..."]:
+    """n'(γ_lim)/r(γ), the source's branch below γ_lim.
+
+    Args:
+        frustum: The view and the light.
+        fade: "sine" (eq. 43) or "squared" (eq. 44).
+
+    Source: warping, eq. 41–44.
+    """
     require_choice(fade, "fade", FADES)
-    limit = frustum.gamma_limit
-    root = frustum.near + jnp.sqrt(frustum.far * frustum.near)
-    at_limit = root * jnp.sin(limit) - frustum.near * frustum.tan_y * jnp.cos(limit)
-    above = root * frustum.sine - frustum.near * frustum.tilt
-    below = frustum.ratio(at_limit, FADES[fade](frustum.gamma, limit))
-    return jnp.where(frustum.gamma >= limit, above, below)
+    limit, near, far = frustum.gamma_limit, frustum.near, frustum.far
+    # (n + √(fn))·sin γ_lim − n·tg φ·cos γ_lim with tg γ_lim put in, which leaves sums of positive terms
+    at_limit = frustum.tan_y * jnp.cos(limit) * (2 * near * near + mean_depth(frustum) * (far + near)) / (far - near)
+    return frustum.ratio(at_limit, FADES[fade](frustum.gamma, limit))
 
 
 @checked
@@ -128,7 +145,7 @@ def near_distance_from_eta(frustum: LightFrustum, eta: ArrayLike) -> Float[Array
     """
     eta = jnp.asarray(eta, dtype=frustum.near.dtype)
     eta = require_value(eta, (eta >= -1) & (eta <= 1), "eta must lie in [-1, 1]")
-    near, root = frustum.near, jnp.sqrt(frustum.far * frustum.near)
+    near, root = frustum.near, mean_depth(frustum)
     towards_psm = near * (near + root) / (near + jnp.maximum(eta, 0) * root)
     negative = jnp.minimum(eta, 0)
     towards_uniform = frustum.ratio(near + root - negative * (frustum.far - near), negative + 1)
@@ -139,24 +156,15 @@ def near_distance_from_eta(frustum: LightFrustum, eta: ArrayLike) -> Float[Array
 def eta_from_near_distance(frustum: LightFrustum, near_distance: Float[Array, "..."]) -> Float[Array, "..."]:
     """Position η ∈ [−1, 1] of an n' in [n, ∞], from how much its M_z exceeds LiSPSM's.
 
-    Source: warping, eq. 32 with the M_z of eq. 29.
+    Source: warping, eq. 32 with the M_z of eq. 29, its differences of nearly equal errors taken out.
     """
-    near, far, root = frustum.near, frustum.far, jnp.sqrt(frustum.far * frustum.near)
-    length = far - near
-
-    def far_error(n: Float[Array, "..."]) -> Float[Array, "..."]:
-        return (1 + length / n) / far
-
-    def near_error(n: Float[Array, "..."]) -> Float[Array, "..."]:
-        return 1 / (near * (1 + length / n))
-
-    best = 1 / root
-    towards_psm = (far_error(near_distance) - best) / (1 / near - best)
-    towards_uniform = (best - near_error(near_distance)) / (1 / near - best)
-    return jnp.where(near_distance <= near + root, towards_psm, towards_uniform)
+    past = frustum.near + mean_depth(frustum) - near_distance  # of LiSPSM's
+    towards_psm = frustum.near * past / (near_distance * mean_depth(frustum))
+    towards_uniform = past / (near_distance + (frustum.far - frustum.near))
+    return jnp.where(past >= 0, towards_psm, towards_uniform)
 
 
 __all__ = [
-    "FADES", "Fade", "equalising", "eta_from_near_distance", "fade_sine", "fade_squared", "generalised",
-    "near_distance_from_eta", "psm", "uniform", "wimmer", "wimmer_over_sine",
+    "FADES", "Fade", "equalising", "eta_from_near_distance", "fade_sine", "fade_squared", "faded", "generalised",
+    "mean_depth", "near_distance_from_eta", "psm", "uniform", "wimmer", "wimmer_over_sine",
 ]  # fmt: skip

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 
 from shadowjax._checked import checked
+from shadowjax._numerics import larger
 from shadowjax._types import Array, ArrayLike, Bool, Float, Vector2
 from shadowjax.rays.plane_map import PlanePoints
 from shadowjax.warps.base import Warp
@@ -96,7 +97,7 @@ def _exp_ratio(x: Float[Array, "..."]) -> Float[Array, "..."]:
 def log_distance(frustum: LightFrustum, section: Section = "axis") -> Float[Array, "..."]:
     """The c of least M_z for a logarithmic warp, for any γ.
 
-    Errors grow as (u + c)·ln(1 + W/c)/z. They are constant for c = n(sin γ − tg φ_y·cos γ). As for the perspective
+    Errors grow as (u + c)·ln(1 + W/c)/z. They are constant for c = n·sin(γ − φ_y)/cos φ_y. As for the perspective
     warp, that is the optimum while the near plane's error still falls there; otherwise it is the minimum of that
     error, where ln(1 + x)·(1 + x)/x = 1 + x·E/W with x = W/c: a root that tends to the uniform map as W → 2E.
 
@@ -116,7 +117,7 @@ def log_distance(frustum: LightFrustum, section: Section = "axis") -> Float[Arra
     widest = -math.log(float(jnp.finfo(half.dtype).eps))
     root = jnp.exp(bisect(falls, jnp.full_like(half, -widest), jnp.full_like(half, widest)))
     near_minimum = jnp.where(half > 0, frustum.extent / root, frustum.uniform_near_distance)
-    return frustum.bounded(jnp.maximum(frustum.near * (frustum.sine - frustum.tilt), near_minimum))
+    return frustum.bounded(larger(frustum.near * frustum.low_slope, near_minimum))
 
 
 @checked

@@ -11,7 +11,7 @@ The far branch of M_z falls with q because W ≤ 2F. Its near branch has one min
 import jax.numpy as jnp
 
 from shadowjax._checked import checked
-from shadowjax._numerics import safe_divide, safe_sqrt
+from shadowjax._numerics import larger, safe_divide, safe_sqrt
 from shadowjax._types import Array, Float
 from shadowjax.warps.light_frustum import LightFrustum, Section
 from shadowjax.warps.lispsm import equalising
@@ -38,7 +38,7 @@ def minimax(frustum: LightFrustum, section: Section = "axis") -> Float[Array, ".
         frustum: View and light.
         section: "axis", as the source, or "whole", the whole vertical section.
     """
-    return frustum.bounded(jnp.maximum(equalising(frustum, section), near_branch_minimum(frustum, section)))
+    return frustum.bounded(larger(equalising(frustum, section), near_branch_minimum(frustum, section)))
 
 
 @checked
@@ -53,16 +53,32 @@ def least_storage(frustum: LightFrustum, section: Section = "whole") -> Float[Ar
         frustum: View and light.
         section: "axis" or "whole" vertical section, over which both errors are taken.
     """
+    return frustum.bounded(larger(equalising(frustum, section), storage_minimum(frustum, section)))
+
+
+def storage_minimum(frustum: LightFrustum, section: Section = "whole") -> Float[Array, "..."]:
+    """The n' at which M_x·M_z is stationary beyond the equalising n'; the uniform map where it falls throughout."""
+    a, b, c, root = _storage_root(frustum, section)
+    # two forms of one root: the first loses digits where b < 0, the second where b > 0
+    near = frustum.extent * safe_divide(c, b + root)
+    away = frustum.ratio(frustum.extent * jnp.maximum(root - b, 0), a)
+    return jnp.where(a > 0, jnp.where(b > 0, near, away), frustum.uniform_near_distance)
+
+
+def storage_strength(frustum: LightFrustum, section: Section = "whole") -> Float[Array, "..."]:
+    """1/n' of `storage_minimum` where that is positive; it falls through 0 where the uniform map becomes the best."""
+    a, b, c, root = _storage_root(frustum, section)
+    return jnp.where(b > 0, safe_divide(b + root, c), safe_divide(a, root - b)) / frustum.extent
+
+
+def _storage_root(frustum: LightFrustum, section: Section) -> tuple[Array, Array, Array, Array]:
+    """A, B and E·o·W of the quadratic, and the root of its discriminant, in units of W: powers of lengths overflow."""
     offset, _ = frustum.worst_line(section)
-    low, extent = frustum.low_far, frustum.extent
-    a = low + extent - 3 * offset
-    b = low * extent - offset * (low + extent)
-    c = offset * low * extent
-    root = safe_sqrt(b * b + a * c)
-    # two forms of one root: the first loses digits where b > 0, the second where b < 0
-    stationary = jnp.where(b > 0, safe_divide(c, b + root), frustum.ratio(jnp.maximum(root - b, c * 0), a))
-    stationary = jnp.where(a > 0, stationary, frustum.uniform_near_distance)
-    return frustum.bounded(jnp.maximum(equalising(frustum, section), stationary))
+    low, offset = frustum.low_far / frustum.extent, offset / frustum.extent
+    a = low + 1 - 3 * offset
+    b = low - offset * (low + 1)
+    c = offset * low
+    return a, b, c, safe_sqrt(b * b + a * c)
 
 
 @checked
@@ -94,16 +110,17 @@ def balanced(
         return jnp.log(max_error_z(frustum, q, section, ratio_z) / max_error_x(frustum, q, section, ratio_x))
 
     # o > E: bisect the monotone excess between M_x's own optimum and M_z's
-    lowest = jnp.minimum(jnp.maximum(frustum.near * (frustum.sine - frustum.tilt), 1e-6 * best_z), best_z)
+    lowest = larger(frustum.near * frustum.low_slope, 1e-6 * best_z)
+    lowest = jnp.where(lowest < best_z, lowest, best_z)
     crossing = jnp.exp(bisect(excess, jnp.log(lowest), jnp.log(best_z)))
-    # o ≤ E: Q(q + E)(q + o) = P·q(q + W), larger root
-    p = frustum.far * ratio_x
-    q = extent * ratio_z / (2 * frustum.tan_y)
-    a, b, c = q - p, q * (offset + low) - p * extent, q * offset * low
-    larger = frustum.ratio(jnp.maximum(safe_sqrt(b * b - 4 * a * c) - b, offset * 0), 2 * a)
-    larger = jnp.where(a > 0, jnp.maximum(larger, best_z), frustum.uniform_near_distance)
+    # o ≤ E: (x + E/W)(x + o/W) = p·x(x + 1) with x = n'/W, larger root
+    p = frustum.far * ratio_x / (ratio_z * extent / (2 * frustum.tan_y))
+    first, second = offset / extent, low / extent
+    a, b, c = 1 - p, first + second - p, first * second
+    beyond = frustum.ratio(extent * jnp.maximum(safe_sqrt(b * b - 4 * a * c) - b, 0), 2 * a)
+    beyond = jnp.where(a > 0, larger(beyond, best_z), frustum.uniform_near_distance)
     falls = max_error_z(frustum, best_z, section, ratio_z) >= max_error_x(frustum, best_z, section, ratio_x)
-    return frustum.bounded(jnp.where(falls, best_z, jnp.where(low > offset, crossing, larger)))
+    return frustum.bounded(jnp.where(falls, best_z, jnp.where(low > offset, crossing, beyond)))
 
 
-__all__ = ["balanced", "least_storage", "minimax", "near_branch_minimum"]
+__all__ = ["balanced", "least_storage", "minimax", "near_branch_minimum", "storage_minimum", "storage_strength"]

@@ -3,9 +3,11 @@
 Everything is written in 1/n', so that the uniform map (n' = ∞) is an ordinary value and loses no digits.
 """
 
+import equinox as eqx
 import jax.numpy as jnp
 
 from shadowjax._checked import checked
+from shadowjax._numerics import larger
 from shadowjax._types import Array, Float
 from shadowjax.warps.light_frustum import LightFrustum, Section
 
@@ -82,7 +84,7 @@ def max_error_z(
     """
     strength, extent = 1 / near_distance, frustum.extent
     near, far = _worst(frustum, strength, section)
-    shape = jnp.maximum(near * near / frustum.near, far * far / frustum.far)
+    shape = larger(near * near / frustum.near, far * far / frustum.far)
     return resolution_ratio * extent / (1 + extent * strength) * shape / (2 * frustum.tan_y)
 
 
@@ -99,8 +101,77 @@ def max_error_x(
     """
     strength = 1 / near_distance
     near, far = _worst(frustum, strength, section)
-    shape = jnp.maximum(near / frustum.near, far / frustum.far)
+    shape = larger(near / frustum.near, far / frustum.far)
     return resolution_ratio * frustum.half_width(strength) / frustum.tan_x * shape
+
+
+class Pieces(eqx.Module):
+    """Smooth functions of n' whose largest is a worst error: ln of each is level + Σ power·ln(1 + offset/n').
+
+    Attributes:
+        level: ln of each for the uniform map.
+        offsets: E and F of the worst line, those of the lower edge at near and far plane, and the extent W.
+        powers: For each piece, the power of each offset's stretch.
+    """
+
+    level: Float[Array, "*batch pieces"]
+    offsets: Float[Array, "*batch 5"]
+    powers: tuple[tuple[float, ...], ...] = eqx.field(static=True)
+
+    def logs(self, near_distance: Float[Array, "*batch"]) -> Float[Array, "*batch pieces"]:
+        """ln of every piece at an n'."""
+        return self.bent(1 / near_distance)
+
+    def bent(self, strength: Float[Array, "*batch"]) -> Float[Array, "*batch pieces"]:
+        """ln of every piece at a strength 1/n', smooth through the uniform map."""
+        stretches = jnp.log1p(self.offsets * strength[..., None])
+        return self.level + jnp.sum(self._powers() * stretches[..., None, :], axis=-1)
+
+    def terms(self, near_distance: Float[Array, "*batch"]) -> Float[Array, "*batch pieces"]:
+        """Sum of the sizes of the terms that a piece's slope along ln n' is made of: rounding is a share of it."""
+        ratio = jnp.abs(self.offsets) / near_distance[..., None]
+        return jnp.sum(jnp.abs(self._powers()) * (ratio / (1 + ratio))[..., None, :], axis=-1)
+
+    def _powers(self) -> Float[Array, "pieces 5"]:
+        return jnp.asarray(self.powers, self.offsets.dtype)
+
+
+_ALONG = ((2.0, 0.0, 0.0, 0.0, -1.0), (0.0, 2.0, 0.0, 0.0, -1.0))
+_ACROSS = tuple((near, 1.0 - near, -edge, edge - 1.0, 0.0) for edge in (1.0, 0.0) for near in (1.0, 0.0))
+_POWERS = {
+    "x": _ACROSS,
+    "z": _ALONG,
+    "storage": tuple(tuple(p + q for p, q in zip(x, z, strict=True)) for x in _ACROSS for z in _ALONG),
+    "both": (*_ACROSS, *_ALONG),
+}
+
+
+def error_pieces(frustum: LightFrustum, error: str, section: Section = "axis") -> Pieces:
+    """The smooth functions of n' whose largest is M_x, M_z, S or max(M_x, M_z).
+
+    m_z is largest at the near or the far plane; so is m_x, in a map as wide as the near or the far plane needs.
+
+    Args:
+        frustum: View and light.
+        error: "x", "z", "storage" or "both".
+        section: "axis" or "whole" vertical section.
+    """
+    first, slope = frustum.worst_line(section)
+    length = frustum.far - frustum.near
+    ratio = jnp.log1p(length / frustum.near)
+    texel = jnp.log(frustum.extent / (2 * frustum.tan_y * frustum.near))
+    along = [texel, texel - ratio]
+    zero = jnp.zeros_like(ratio)
+    across = [zero, -ratio, ratio, zero]
+    level = {
+        "x": across,
+        "z": along,
+        "storage": [x + z for x in across for z in along],
+        "both": [*across, *along],
+    }[error]
+    offsets = [first, first + slope * length, frustum.low_near, frustum.low_far, frustum.extent]
+    levels, stacked = (jnp.stack(jnp.broadcast_arrays(*part), axis=-1) for part in (level, offsets))
+    return Pieces(levels, stacked, _POWERS[error])
 
 
 @checked
@@ -114,4 +185,6 @@ def storage_factor(
     return max_error_x(frustum, near_distance, section) * max_error_z(frustum, near_distance, section)
 
 
-__all__ = ["error_x", "error_z", "max_error_x", "max_error_z", "storage_factor"]
+__all__ = [
+    "Pieces", "error_pieces", "error_x", "error_z", "max_error_x", "max_error_z", "storage_factor",
+]  # fmt: skip

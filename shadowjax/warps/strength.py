@@ -1,12 +1,10 @@
 """The warp strength of least worst error for measured weights: spot lights, visible pixels, any mix of points."""
 
-from typing import Any
-
-import jax
 import jax.numpy as jnp
 
 from shadowjax._checked import checked
 from shadowjax._types import Array, Float
+from shadowjax.warps.roots import least_largest
 
 
 @checked
@@ -30,9 +28,10 @@ def least_worst_strength(
 ) -> Float[Array, ""]:
     """κ = 1/n' of least worst weighted error along the axis.
 
-    Each point's error has one minimum in κ (its derivative has the sign of 2u − W + u·W·κ), so their maximum has one
-    too: κ is bisected on the sign of the worst point's derivative. The best is strength 0, the uniform map, where the
-    worst point of that map lies beyond the middle.
+    Each point's error has one minimum in κ, so their maximum has one too, found by bisecting the sign of the worst
+    point's slope along ln(1 + W·κ). The best is strength 0, the uniform map, where the worst point of that map lies
+    beyond the middle. κ carries its implicit derivative: at a kink, where two points are the worst, and at a smooth
+    minimum of one.
 
     Args:
         offset: u ∈ [0, W] of each point, plane units.
@@ -40,23 +39,19 @@ def least_worst_strength(
         extent: W, plane units.
         largest: Largest W·κ considered.
     """
+    share = offset / extent
+    counts = weight > 0
+    level = jnp.where(counts, jnp.log(jnp.where(counts, weight, jnp.ones_like(weight))), -1e30)
 
-    def rises(strength: Array) -> Array:
-        stretch = 1 + offset * strength
-        worst = jnp.argmax(weight * stretch * stretch)
-        return 2 * offset[worst] - extent + offset[worst] * extent * strength > 0
+    def logs(x: Array) -> Array:
+        return level + 2 * jnp.log1p(share * jnp.expm1(x)) - x
 
-    def halve(_: Any, ends: tuple[Array, Array]) -> tuple[Array, Array]:
-        low, high = ends
-        middle = (low + high) / 2
-        up = rises(jnp.expm1(middle) / extent)
-        return jnp.where(up, low, middle), jnp.where(up, middle, high)
+    def rounding(x: Array) -> Array:
+        return 4 * float(jnp.finfo(x.dtype).eps) * jnp.ones_like(share)
 
     zero = jnp.zeros_like(extent)
-    top = jnp.log1p(jnp.asarray(largest, extent.dtype))
-    low, high = jax.lax.fori_loop(0, 60, halve, (zero, zero + top))
-    best = jnp.expm1((low + high) / 2) / extent
-    return jax.lax.stop_gradient(jnp.where(rises(zero), zero, best))
+    best = least_largest(logs, zero, jnp.log1p(zero + largest), rounding)
+    return jnp.expm1(best) / extent
 
 
 __all__ = ["least_worst_strength", "worst_error"]

@@ -1,0 +1,202 @@
+"""Every optimum of the package carries its implicit derivative, or refuses to be differentiated."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimum_oracle as oracle
+import pytest
+
+from shadowjax.optimize import near_distance as near_distances
+from shadowjax.optimize.near_distance import near_distance
+from shadowjax.optimize.splits import splits
+from shadowjax.warps.light_frustum import LightFrustum
+from shadowjax.warps.strength import least_worst_strength
+
+COUNT = 400
+NEARBY = 1e-4  # of a change of the active set, relative
+
+
+def random_views(count=COUNT, seed=0):
+    """near, far, phi, gamma: f/n from 1.1 to 10⁶; an eighth of the lights nearly parallel to the view."""
+    rng = np.random.default_rng(seed)
+    near = 10 ** rng.uniform(-2, 2, count)
+    gamma = rng.uniform(0, np.pi / 2, count)
+    gamma[: count // 8] = 10 ** rng.uniform(-5, -1, count // 8)
+    return near, near * 10 ** rng.uniform(0.05, 6, count), rng.uniform(0.1, 1.3, count), gamma
+
+
+VIEWS = random_views()
+ARRAYS = tuple(jnp.asarray(part) for part in VIEWS)
+ONE = jnp.ones(COUNT)
+
+
+def reverse(function):
+    """Values, and derivatives by each number of the views times that number, by one reverse pass for each value."""
+    values, back = jax.vjp(function, *ARRAYS)
+    zeros = [jnp.zeros_like(value) for value in values]
+    rows = [back((*zeros[:i], jnp.ones_like(values[i]), *zeros[i + 1 :])) for i in range(len(values))]
+    return [np.asarray(value) for value in values], np.asarray(rows) * np.asarray(VIEWS)
+
+
+def forward(function):
+    """The same derivatives by a forward pass for each number."""
+    columns = []
+    for i in range(4):
+        along = tuple(ONE if k == i else 0 * ONE for k in range(4))
+        columns.append(np.asarray(jax.jvp(function, ARRAYS, along)[1]) * VIEWS[i])
+    return np.stack(columns, axis=1)
+
+
+def agree(slopes, expected, one_sided, near_change):
+    """To 1e-6, relative to what is of order 1; near a change of the active set from one side."""
+    scale = np.maximum(np.abs(expected), 1)
+    off = np.abs(slopes - expected) / scale
+    beside = np.min([np.abs(slopes - side) for side in one_sided], axis=0) / scale
+    assert np.max(np.where(near_change, beside, off)) < 1e-6
+    assert np.mean(near_change) <= 0.02
+
+
+def check_against_differences(slopes, solve):
+    """Derivatives of all that `solve(views)` gives but the last, its active set, against whole new solutions."""
+    active = solve(VIEWS)[-1]
+    for i in range(4):
+        moved = [solve(tuple(v * (1 + side * NEARBY * (k == i)) for k, v in enumerate(VIEWS)))[-1] for side in (-1, 1)]
+        near_change = (moved[0] != active) | (moved[1] != active)
+        found = oracle.differences(lambda v: solve(v)[:-1], VIEWS, i, VIEWS[i])
+        central, *sides = (np.asarray(part * VIEWS[i], float) for part in found)
+        agree(slopes[:, i], central, sides, near_change)
+
+
+CASES = [(objective, section) for objective in ("z", "storage", "both") for section in ("axis", "whole")]
+
+
+def optimum(objective, section):
+    """ln n' and ln of the objective of the public search, and ln n' of the closed form."""
+
+    def function(*view):
+        found = near_distance(*view, section, objective)
+        return jnp.log(found.near_distance), jnp.log(found.error), jnp.log(found.certificate.closed_form)
+
+    return function
+
+
+@pytest.mark.parametrize(("objective", "section"), [pytest.param(*case, marks=pytest.mark.long) for case in CASES])
+def test_near_distance_is_differentiated_in_both_modes(objective, section):
+    """Public, through jit and vmap: reverse equals forward, and both equal differences of 80-bit solutions."""
+    function = optimum(objective, section)
+    values, slopes = reverse(function)
+    x, error, _ = oracle.solve(VIEWS, objective, section)
+    np.testing.assert_allclose(values[0], np.asarray(x, float), atol=1e-8)
+    np.testing.assert_allclose(values[1], np.asarray(error, float), atol=1e-10)
+    np.testing.assert_allclose(forward(function), slopes, rtol=1e-8, atol=1e-8)
+
+    def solve(view):
+        x, error, active = oracle.solve(view, objective, section)
+        return x, error, x, active
+
+    check_against_differences(slopes, solve)
+
+
+@pytest.mark.parametrize(
+    ("objective", "section"),
+    [pytest.param(*case, marks=pytest.mark.long if case[1] == "whole" else ()) for case in CASES],
+)
+def test_the_search_for_a_near_distance_has_its_implicit_derivative(objective, section):
+    """The search alone, reverse, against differences of 80-bit solutions from the frustum's corners."""
+
+    @jax.jit
+    def function(*view):
+        one = lambda n, f, p, g: near_distances.search(LightFrustum(n, f, p, p, g), objective, section)  # noqa: E731
+        return (jnp.log(jax.vmap(one)(*view)),)
+
+    values, slopes = reverse(function)
+    x, *_ = oracle.solve(VIEWS, objective, section)
+    np.testing.assert_allclose(values[0], np.asarray(x, float), atol=1e-8)
+    check_against_differences(slopes, lambda view: oracle.solve(view, objective, section)[::2])
+
+
+def test_forward_mode_and_the_cases_once_wrong():
+    """γ = 60°: dn'/dγ = 6 and dM_z/dγ = 3.5924; γ = 31°: 9.7262 and 7.0692 (n = 1, f = 100, φ = 30°)."""
+    gammas = jnp.deg2rad(jnp.asarray([60.0, 31.0]))
+    found, change = jax.jvp(lambda g: near_distance(1.0, 100.0, jnp.pi / 6, g), (gammas,), (jnp.ones(2),))
+    assert found.error.shape == (2,)
+    np.testing.assert_allclose(change.near_distance, [6.0, 9.726197679], rtol=1e-8)
+    np.testing.assert_allclose(change.error, [3.592405815, 7.069217714], rtol=1e-8)
+
+
+SPLITS = [
+    (2, "sum", "minimax", "whole"), (4, "sum", "lispsm", "axis"), (5, "sum", "least_storage", "axis"),
+    (3, "max", "lispsm", "axis"), (3, "sum", "minimax", "whole"), (4, "sum", "uniform", "axis"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("k", "objective", "warp", "section"),
+    [pytest.param(*case, marks=pytest.mark.long if i else ()) for i, case in enumerate(SPLITS)],
+)
+def test_splits_carry_their_implicit_derivative(k, objective, warp, section):
+    """A random mix of the planes' logarithms, and the storage, against differences of whole new searches."""
+    mix = jnp.asarray(np.random.default_rng(1).normal(size=(COUNT, k + 1)))
+    near, far, phi, gamma = VIEWS
+    spread = np.clip(far / near, 1.3, 1e5)
+    views = (near, near * spread, phi, np.clip(gamma, 1e-3, np.pi / 2 - 1e-3))
+
+    @jax.jit
+    def function(*view):
+        found = splits(*view, k, objective, warp, section)
+        return jnp.sum(mix * jnp.log(found.splits), axis=-1), jnp.log(found.storage)
+
+    arrays = tuple(jnp.asarray(part) for part in views)
+    values, back = jax.vjp(function, *arrays)
+    slopes = [np.asarray(row) for row in back((ONE, ONE))]
+    assert values[0].shape == values[1].shape == (COUNT,)
+    for i in range(4):
+        step = 1e-5 * views[i]
+
+        def moved(steps, i=i, step=step):
+            changed = list(arrays)
+            changed[i] = jnp.asarray(views[i] + steps * step)
+            return sum(np.asarray(part) for part in function(*changed))
+
+        central = (8 * (moved(1) - moved(-1)) - (moved(2) - moved(-2))) / 12e-5
+        sides = [side * (-3 * moved(0) + 4 * moved(side) - moved(2 * side)) / 2e-5 for side in (-1, 1)]
+        off = np.abs(slopes[i] * views[i] - central) / np.maximum(np.abs(central), 1)
+        crosses = off > 1e-6  # a change of the active set within 2e-5 of the view
+        assert np.mean(crosses) <= 0.02
+        beside = np.min([np.abs(slopes[i] * views[i] - side) for side in sides], axis=0) / np.maximum(
+            np.abs(central), 1
+        )
+        assert np.max(np.where(crosses, beside, 0)) < 1e-6
+
+
+def test_strength_of_least_worst_error_carries_its_implicit_derivative():
+    """Random weights along random axes: kinks between two points, smooth minima of one, and the uniform map."""
+    rng = np.random.default_rng(5)
+    offset = jnp.asarray(np.sort(rng.uniform(0, 1, (COUNT, 9)), axis=-1))
+    weight = jnp.asarray(10 ** rng.uniform(-3, 0, (COUNT, 9)) * np.linspace(3, 0.02, 9))
+    weight = weight.at[:, 3].set(0.0)
+    along = [jnp.asarray(rng.normal(size=part.shape)) for part in (offset, weight)]
+
+    @jax.jit
+    def best(t):
+        moved = offset + t[:, None] * along[0] * 0.1, weight * jnp.exp(t[:, None] * along[1])
+        return jnp.log1p(jax.vmap(lambda u, w, e: least_worst_strength(u, w, e) * e)(*moved, jnp.exp(0.5 * t)))
+
+    zero = jnp.zeros(COUNT)
+    value, slope = jax.jvp(best, (zero,), (ONE,))
+    back = jax.vjp(best, zero)[1](ONE)[0]
+    np.testing.assert_allclose(slope, back, rtol=1e-9, atol=1e-9)
+    central = (8 * (best(zero + 1e-4) - best(zero - 1e-4)) - (best(zero + 2e-4) - best(zero - 2e-4))) / 12e-4
+    off = np.abs(np.asarray(slope - central)) / np.maximum(np.abs(central), 1)
+    assert np.mean(off > 1e-6) <= 0.02
+    assert 0.1 < np.mean(np.asarray(value) > 0) < 0.999
+
+
+def test_an_optimum_that_is_not_unique_refuses():
+    """A flat residual has no implicit derivative: an error at run time, in no mode a silent 0."""
+    from shadowjax.warps.roots import implicit
+
+    flat = jax.jit(lambda t: implicit(lambda x: 0 * x * t, jnp.asarray(0.5)))
+    assert flat(1.0) == 0.5
+    with pytest.raises(Exception, match="equally good optima"):
+        jax.grad(flat)(1.0)
