@@ -172,6 +172,29 @@ def num_not_finite(array: Any) -> int:
     return 0 if finite.all() else int(finite.size - finite.sum())
 
 
+def require_untraced(name: str, *trees: Any) -> None:
+    """Raise ValueError where a search that runs on the host is given traced numbers: it has no derivative to give."""
+    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
+    require(
+        not traced,
+        f"{name} searches on the host, and what it chooses has no derivative; call it outside jit, vmap and grad",
+    )
+
+
+def undifferentiable(tree: Any, message: str) -> Any:
+    """The same arrays, whose derivative is refused with a ValueError: for numbers that only choose."""
+
+    @jax.custom_jvp
+    def same(x: Array) -> Array:
+        return x
+
+    @same.defjvp
+    def _(primals: Any, tangents: Any) -> Any:
+        raise ValueError(message)
+
+    return jax.tree.map(lambda x: same(x) if eqx.is_inexact_array(x) else x, tree)
+
+
 def available_memory() -> int | None:
     """Bytes of the host's memory that programs can still take, or None where the system does not say."""
     try:

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from shadowjax._checked import checked
+from shadowjax._checks import require_untraced
 
 Cost = Callable[[np.ndarray], np.ndarray]
 
@@ -30,6 +31,7 @@ def best_shares(cost: Cost, log_ratio: float, num_partitions: int, objective: st
     Returns:
         Shares in rising order, summing to 1, and the objective's value.
     """
+    require_untraced("best_shares", log_ratio)
     k = num_partitions
     equal = np.full(k, 1 / k)
     each = cost(equal * log_ratio)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from shadowjax._checked import checked
-from shadowjax._checks import require, require_choice, require_int
+from shadowjax._checks import require, require_choice, require_int, require_untraced
 from shadowjax._types import Array, Float
 from shadowjax.analysis.acne import needed_bias
 from shadowjax.filters.base import Filter
@@ -89,6 +89,7 @@ def best_bias(views: tuple[Viewed, ...], filter_: Filter, unit: str = "slope", n
     Raises:
         ValueError: If the unit is unknown.
     """
+    require_untraced("best_bias", views, filter_)
     require_choice(unit, "bias unit", UNITS)
     require_int(num_values, "the number of values", 5)
     require(len(views) > 0, "give at least one scene")

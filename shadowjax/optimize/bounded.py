@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from shadowjax._checked import Checked, checked
-from shadowjax._checks import require, require_int
+from shadowjax._checks import require, require_int, require_untraced
 from shadowjax._types import ArrayLike
 
 ValueAndSlope = Callable[[np.ndarray], tuple[ArrayLike, ArrayLike]]
@@ -71,6 +71,7 @@ def lowest(
     Raises:
         ValueError: If there is no start, shapes differ, bounds are crossed, or a number is not finite.
     """
+    require_untraced("lowest", starts, lower, upper)
     low, high = np.asarray(lower, np.float64), np.asarray(upper, np.float64)
     require_int(max_steps, "max_steps", 1)
     require(tolerance > 0, f"tolerance must be positive; got {tolerance}")

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from shadowjax._checked import checked
-from shadowjax._checks import require_choice, require_int
+from shadowjax._checks import require_choice, require_int, require_untraced
 from shadowjax.analysis.limits import largest_exponent
 from shadowjax.filters.base import Filter
 from shadowjax.filters.convolution import Convolution, FourierStep
@@ -159,6 +159,7 @@ def best_numbers(
     Raises:
         ValueError: If the family is unknown or a size is out of range.
     """
+    require_untraced("best_numbers", views, test_views)
     require_choice(family, "filter", FAMILIES)
     require_int(evaluations, "the number of evaluations", 2)
     chosen, blur = FAMILIES[family], Prefilter(blur_size)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from shadowjax._checked import Checked, checked
-from shadowjax._checks import require, require_int
+from shadowjax._checks import require, require_int, require_untraced
 from shadowjax._types import Array, ArrayLike, Float
 
 # Damping, as a part of each parameter's own curvature: at first, and how it changes.
@@ -85,6 +85,7 @@ def recover(
     require_int(max_steps, "max_steps", 1)
     best, tried = None, 0
     for start in starts:
+        require_untraced("recover", start)
         first = jnp.asarray(start)
         require(first.ndim == 1, f"a start must be a vector; got shape {first.shape}")
         require(bool(jnp.all(jnp.isfinite(first))), f"a start must hold finite numbers; got {first}")

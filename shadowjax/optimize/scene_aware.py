@@ -9,10 +9,9 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 
 from shadowjax._checked import Checked, checked
-from shadowjax._checks import require, require_choice, require_int
+from shadowjax._checks import require, require_choice, require_int, undifferentiable
 from shadowjax._numerics import safe_divide
 from shadowjax._types import Array, Float, Scalar
 from shadowjax.optimize.seen_pixels import (
@@ -23,9 +22,11 @@ from shadowjax.optimize.seen_pixels import (
     moments,
     seen_pixels,
     total_error,
+    widest,
 )
 from shadowjax.warps.light_frustum import LightFrustum
 from shadowjax.warps.lispsm import generalised
+from shadowjax.warps.roots import implicit, least
 from shadowjax.warps.strength import least_worst_strength
 
 BENDS = 129  # bends W/(n' + W) tried before the optimum is polished
@@ -62,8 +63,8 @@ def near_distance_for_view(pixels: SeenPixels, objective: str = "mean") -> SeenN
 
     Args:
         pixels: From `seen_pixels`.
-        objective: "mean", the mean of m_x·m_z by weight; its n' carries the implicit derivative of a smooth optimum and
-            none at a kink. "worst", the largest weighted m_z of a pixel (`shadowjax.warps.strength`).
+        objective: "mean", the mean of m_x·m_z by weight. "worst", the largest weighted m_z of a pixel
+            (`shadowjax.warps.strength`). n' carries its implicit derivative, at kinks too.
 
     Raises:
         ValueError: If the objective is unknown.
@@ -87,9 +88,12 @@ def near_distance_for_view(pixels: SeenPixels, objective: str = "mean") -> SeenN
         count = jnp.sum(pixels.weight)
 
         def log_error(bend: Array) -> Array:
-            return _log(safe_divide(total_error(sums, chart, bend / (1 - bend) / extent), count))
+            return piece(bend, None)
 
-        bend = _least(log_error, extent.dtype)
+        def piece(bend: Array, sides: Any) -> Array:
+            return _log(safe_divide(total_error(sums, chart, bend / (1 - bend) / extent, sides), count))
+
+        bend = _least(piece, lambda bend: widest(chart, bend / (1 - bend) / extent), extent.dtype)
     distance = extent * (1 - bend) / jnp.maximum(bend, float(jnp.finfo(extent.dtype).eps) / 4)
     error = jnp.exp(log_error(bend))
     published = generalised(frustum)
@@ -109,25 +113,17 @@ def _slope(function: Any, place: Array, side: int) -> Array:
     return jax.jvp(function, (beside,), (jnp.ones_like(beside),))[1]
 
 
-def _least(function: Any, dtype: Any) -> Array:
-    """Bend of least value in [0, 1): the best of a grid, then bisection of the slope's sign where it changes there.
-
-    optimistix differentiates the root by the implicit function theorem, which holds where the slope is continuous.
-    """
+def _least(piece: Any, active: Any, dtype: Any) -> Array:
+    """Bend of least value in [0, 1): the best of a grid, polished between its neighbours."""
     grid = jnp.linspace(0, 1 - 1 / BENDS, BENDS, dtype=dtype)
-    index = jnp.argmin(jax.lax.stop_gradient(jax.vmap(function)(grid)))
-    slope = jax.grad(function)
-    width = grid[1] - grid[0]
-    start = jax.lax.stop_gradient(grid[index])
-    ends = {"lower": jnp.maximum(start - width, 0.0), "upper": jnp.minimum(start + width, 1 - 0.01 / BENDS)}
-    solver = optx.Bisection(rtol=1e-14, atol=1e-14, flip=False)
-    found = optx.root_find(lambda b, _: slope(b), solver, start, options=ends, max_steps=60, throw=False).value
-    inside = (slope(ends["lower"]) < 0) & (slope(ends["upper"]) > 0)
-    better = function(found) <= function(start)
-    step = _slope(function, found, 1) - _slope(function, found, -1)
-    smooth = jnp.abs(step) < 1e-3 * (jnp.abs(slope(ends["lower"])) + jnp.abs(slope(ends["upper"])))
-    found = jnp.where(smooth, found, jax.lax.stop_gradient(found))
-    return jnp.where(inside & better, found, start)
+    index = jnp.argmin(jax.lax.stop_gradient(jax.vmap(lambda bend: piece(bend, None))(grid)))
+    start, width = grid[index], grid[1] - grid[0]
+    ends = jnp.maximum(start - width, 0.0), jnp.minimum(start + width, 1 - 0.01 / BENDS)
+    rounding = 100 * float(jnp.finfo(dtype).eps)
+    found = least(piece, active, *ends, lambda bend, sides: rounding + 0 * bend)
+    # Between neighbours there may be two valleys; then the grid's point stands, and has no derivative to give.
+    better = piece(found, None) <= piece(start, None) + rounding
+    return jnp.where(better, found, implicit(lambda bend: 0 * bend, start))
 
 
 class SeenSplits(Checked):
@@ -163,9 +159,16 @@ def splits_for_view(pixels: SeenPixels, num_partitions: int, num_bins: int = 64)
         num_partitions: k ≥ 1.
         num_bins: Intervals between candidate planes, even and at least 2k.
 
+    Planes are points of a grid, chosen by exhaustion: a choice has no derivative, so none is given.
+
     Raises:
-        ValueError: If a number is out of range.
+        ValueError: If a number is out of range, or the result is differentiated.
     """
+    pixels = undifferentiable(
+        pixels,
+        "splits_for_view chooses planes among candidates, which has no derivative; differentiate the error of given "
+        "planes instead: seen_pixels.total_error",
+    )
     k = require_int(num_partitions, "the number of partitions k", 1)
     bins = require_int(num_bins, "num_bins", 2 * k)
     require(bins % 2 == 0, f"num_bins must be even; got {bins}")

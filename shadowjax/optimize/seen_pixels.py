@@ -16,7 +16,7 @@ import jax.numpy as jnp
 
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require
-from shadowjax._numerics import dot, norm, safe_divide
+from shadowjax._numerics import dot, largest, norm, safe_divide
 from shadowjax._types import Array, Float, Scalar, Vector2
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, Light
@@ -111,11 +111,11 @@ def chart_between(pixels: SeenPixels, near: Float[Array, "*batch"], far: Float[A
     """The map of every pair of depths."""
     corners = jnp.concatenate([near[..., None, None] * pixels.edges, far[..., None, None] * pixels.edges], axis=-2)
     along, across = corners[..., 0], corners[..., 1]
-    lowest = jnp.min(along, axis=-1)
-    middle = (jnp.min(across, axis=-1) + jnp.max(across, axis=-1)) / 2
+    lowest = -largest(-along)
+    middle = (largest(across) - largest(-across)) / 2
     along = along - lowest[..., None]
     pixel = 4 * jnp.prod(pixels.half_size) + jnp.zeros_like(lowest)
-    return Chart(lowest, jnp.max(along, axis=-1), along, across - middle[..., None], pixel)
+    return Chart(lowest, largest(along), along, across - middle[..., None], pixel)
 
 
 @checked
@@ -125,9 +125,28 @@ def moments(pixels: SeenPixels) -> Float[Array, "4 pixels"]:
     return jnp.stack([base, base * pixels.rise, base * pixels.rise**2, base * pixels.rise**3])
 
 
+def widest(chart: Chart, strength: Array) -> tuple[Array, Array]:
+    """Which two corners bound a map's width."""
+    shrunk = _shrunk(chart, strength)
+    return jnp.argmax(shrunk, axis=-1), jnp.argmin(shrunk, axis=-1)
+
+
+def _shrunk(chart: Chart, strength: Array) -> Array:
+    return chart.across / (1 + chart.along * strength[..., None])
+
+
 @checked
-def total_error(sums: Float[Array, "4 *batch"], chart: Chart, strength: Array) -> Array:
-    """Σ w·m of pixels with given moments about the eye, through a map of a given strength."""
+def total_error(
+    sums: Float[Array, "4 *batch"], chart: Chart, strength: Array, sides: tuple[Array, Array] | None = None
+) -> Array:
+    """Σ w·m of pixels with given moments about the eye, through a map of a given strength.
+
+    Args:
+        sums: Their moments.
+        chart: What the map covers.
+        strength: 1/n'.
+        sides: The two corners that bound the map's width; those that are farthest apart unless given.
+    """
     low = chart.lowest
     about = [
         sums[0],
@@ -136,8 +155,11 @@ def total_error(sums: Float[Array, "4 *batch"], chart: Chart, strength: Array) -
         sums[3] - low * (3 * sums[2] - low * (3 * sums[1] - low * sums[0])),
     ]
     cubic = about[0] + strength * (3 * about[1] + strength * (3 * about[2] + strength * about[3]))
-    shrunk = chart.across / (1 + chart.along * strength[..., None])
-    width = jnp.max(shrunk, axis=-1) - jnp.min(shrunk, axis=-1)
+    shrunk = _shrunk(chart, strength)
+    last, first = widest(chart, strength) if sides is None else sides
+    width = (
+        jnp.take_along_axis(shrunk, last[..., None], axis=-1) - jnp.take_along_axis(shrunk, first[..., None], axis=-1)
+    )[..., 0]
     return width * chart.extent / (1 + chart.extent * strength) / chart.pixel * cubic
 
 
@@ -154,4 +176,14 @@ def mean_error(pixels: SeenPixels, near_distance: Scalar) -> Scalar:
     return safe_divide(total, jnp.sum(pixels.weight))
 
 
-__all__ = ["STEEPEST", "Chart", "SeenPixels", "chart_between", "mean_error", "moments", "seen_pixels", "total_error"]
+__all__ = [
+    "STEEPEST",
+    "Chart",
+    "SeenPixels",
+    "chart_between",
+    "mean_error",
+    "moments",
+    "seen_pixels",
+    "total_error",
+    "widest",
+]

@@ -10,7 +10,7 @@ import numpy as np
 import optimistix as optx
 
 from shadowjax._checked import checked
-from shadowjax._checks import require, require_choice, require_int
+from shadowjax._checks import require, require_choice, require_int, require_untraced
 from shadowjax._types import Array, Float
 from shadowjax.filters.chosen_depths import Cells, Ranks, neighbourhood_cells, ranked
 from shadowjax.filters.multi_depth import DepthPolicy, ring_offsets, shifted
@@ -117,6 +117,7 @@ def best_depths(
 
     Source: mdsm leaves a better choice of the extra depths as future work.
     """
+    require_untraced("best_depths", views, test_views)
     require_choice(candidates, "candidates", CANDIDATES)
     require_int(kernel_size, "kernel_size", 1)
     depths = require_int(num_depths, "num_depths", 2)
@@ -214,6 +215,7 @@ def best_taps(
     Raises:
         ValueError: If a number is out of range.
     """
+    require_untraced("best_taps", views, test_views)
     require_int(kernel_size, "kernel_size", 1)
     require_int(steps, "steps", 1)
     require(min(len(views), len(test_views)) > 0, "give at least one scene to learn from and one to test on")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from shadowjax._checked import Checked, checked
-from shadowjax._checks import require, require_int
+from shadowjax._checks import require, require_int, require_untraced
 from shadowjax._types import Float, Int
 
 # Memory of slopes and of their squares; and the part of the first loss that a settled search may still lose.
@@ -88,6 +88,7 @@ def descend(
     Raises:
         ValueError: If a number is out of range, or the start is not finite.
     """
+    require_untraced("descend", start, spread, rate)
     require_int(num_steps, "num_steps", 1)
     require(rate > 0, f"rate must be positive; got {rate}")
     require(target >= 0, f"target must not be negative; got {target}")

@@ -1,15 +1,34 @@
 """Every optimum of the package carries its implicit derivative, or refuses to be differentiated."""
 
+import ast
+import inspect
+from pathlib import Path
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optimum_oracle as oracle
 import pytest
+from shapes import above, plate_over_plane
 
+import shadowjax
+from shadowjax import BruteForce, DirectionalLight, Hard, trace_surface
+from shadowjax.analysis.split_search import best_shares
 from shadowjax.optimize import near_distance as near_distances
+from shadowjax.optimize.bias import best_bias
+from shadowjax.optimize.bounded import lowest
+from shadowjax.optimize.exponent import best_numbers
+from shadowjax.optimize.inverse import recover
+from shadowjax.optimize.joint import joint_splits
 from shadowjax.optimize.near_distance import near_distance
+from shadowjax.optimize.scene_aware import near_distance_for_view, seen_pixels, splits_for_view
 from shadowjax.optimize.splits import splits
+from shadowjax.optimize.taps import best_depths, best_taps
+from shadowjax.optimize.vertices import descend
 from shadowjax.warps.light_frustum import LightFrustum
+from shadowjax.warps.logarithmic import log_distance
+from shadowjax.warps.roots import implicit
 from shadowjax.warps.strength import least_worst_strength
 
 COUNT = 400
@@ -192,10 +211,149 @@ def test_strength_of_least_worst_error_carries_its_implicit_derivative():
     assert 0.1 < np.mean(np.asarray(value) > 0) < 0.999
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("seam_limit", [None, 1.4])
+def test_joint_splits_carry_their_implicit_derivative(seam_limit):
+    """Planes, n' and storage of a dozen views, through the callback that searches, against whole new searches."""
+    near, far, phi, gamma = (part[60:72] for part in random_views(seed=3))
+    views = [jnp.asarray(part) for part in (near, near * np.clip(far / near, 3, 300), phi, np.clip(gamma, 0.3, 1.4))]
+
+    def function(*view):
+        found = joint_splits(*view, 2, seam_limit=seam_limit)
+        mixed = jnp.log(found.splits[:, 1]) + jnp.sum(jnp.asarray([0.3, -0.2]) * jnp.log(found.near_distances), axis=-1)
+        return mixed + jnp.log(found.storage)
+
+    assert bool(joint_splits(*views, 2, seam_limit=seam_limit).certificate.converged.all())
+    along = tuple(part * rate for part, rate in zip(views, (0.4, -0.3, 0.5, 0.2), strict=True))
+    slope = jax.jit(lambda *v: jax.jvp(function, v, along)[1])(*views)
+    back = jax.vjp(function, *views)[1](jnp.ones(12))
+    np.testing.assert_allclose(slope, sum(b * a for b, a in zip(back, along, strict=True)), rtol=1e-8)
+    moved = [function(*(v + s * 1e-4 * a for v, a in zip(views, along, strict=True))) for s in (1, -1, 2, -2)]
+    central = (8 * (moved[0] - moved[1]) - (moved[2] - moved[3])) / 12e-4
+    np.testing.assert_allclose(slope, central, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("objective", ["mean", "worst"])
+@pytest.mark.parametrize("lean", [0.0, 0.3])
+def test_near_distance_for_a_view_carries_its_implicit_derivative(objective, lean):
+    """Weights changed at random rates, with the light upright about the view (smooth) and leaning (a kink)."""
+    mesh, camera = plate_over_plane(), above()
+    surface = trace_surface(mesh, camera, 24, 24, BruteForce())
+    towards = 0.6 * np.asarray(camera.forward) - 0.8 * np.asarray(camera.up)
+    pixels = seen_pixels(surface, camera, DirectionalLight.create(towards + lean * np.asarray(camera.right)))
+    rates = jnp.asarray(np.random.default_rng(2).normal(size=pixels.weight.shape))
+
+    @jax.jit
+    def best(t):
+        edges = pixels.edges * (1 + 0.1 * t * jnp.asarray([[1.0, 0.5], [0.7, -0.2], [-0.4, 0.9], [0.2, 0.3]]))
+        changed = eqx.tree_at(lambda p: (p.weight, p.edges), pixels, (pixels.weight * jnp.exp(t * rates), edges))
+        found = near_distance_for_view(changed, objective)
+        return jnp.log(found.near_distance) + jnp.log(found.error)
+
+    at, step = jnp.asarray(0.1), 1e-4
+    slopes = jax.jvp(best, (at,), (jnp.ones(()),))[1], jax.grad(best)(at)
+    central = (8 * (best(at + step) - best(at - step)) - (best(at + 2 * step) - best(at - 2 * step))) / (12 * step)
+    np.testing.assert_allclose(slopes, central, rtol=1e-6)
+
+
+def refusals():
+    """Searches that only choose: each with a call that gives it a traced number."""
+    numbers = lambda t: (t, (0.0,))  # noqa: E731
+    slope = lambda x: (float(x[0] ** 2), 2 * x)  # noqa: E731
+    calls = {
+        best_shares: lambda t: (np.exp, t, 2),
+        lowest: lambda t: (slope, [[1.0]], [t], [2.0]),
+        descend: lambda t: (slope, t * jnp.ones((1, 3)), np.eye(1), 1, 0.1),
+        recover: lambda t: (lambda x: x, [t * jnp.ones(1)]),
+        best_depths: lambda t: (numbers(t), numbers(t)),
+        best_taps: lambda t: (numbers(t), numbers(t)),
+        best_numbers: lambda t: (numbers(t), "vsm"),
+        best_bias: lambda t: (numbers(t), Hard()),
+    }
+    # without the checks of annotations that only tests have
+    return {f.__name__: lambda t, f=f, given=given: inspect.unwrap(f)(*given(t)) for f, given in calls.items()}
+
+
+@pytest.mark.parametrize("name", refusals())
+def test_what_only_chooses_refuses_to_be_differentiated(name):
+    for transform in (jax.grad, jax.jit, lambda f: lambda t: jax.vmap(f)(t[None])):
+        with pytest.raises(ValueError, match=f"{name} searches on the host, and what it chooses has no derivative"):
+            transform(refusals()[name])(jnp.asarray(1.0))
+
+
+def test_planes_chosen_from_seen_pixels_refuse_to_be_differentiated():
+    mesh, camera = plate_over_plane(), above()
+    light = DirectionalLight.create((0.2, -1.0, 0.3))
+    pixels = seen_pixels(trace_surface(mesh, camera, 12, 12, BruteForce()), camera, light)
+    total = lambda w: jnp.sum(splits_for_view(eqx.tree_at(lambda p: p.weight, pixels, w), 2, 8).splits)  # noqa: E731
+    with pytest.raises(ValueError, match="chooses planes among candidates, which has no derivative"):
+        jax.grad(total)(pixels.weight)
+
+
+# Where the package searches or chooses, and how its derivative is held to account. A new module that does fails here.
+SEARCHES = {
+    "optimize/near_distance.py": test_near_distance_is_differentiated_in_both_modes,
+    "optimize/splits.py": test_splits_carry_their_implicit_derivative,
+    "optimize/joint.py": test_joint_splits_carry_their_implicit_derivative,
+    "optimize/scene_aware.py": test_near_distance_for_a_view_carries_its_implicit_derivative,
+    "warps/strength.py": test_strength_of_least_worst_error_carries_its_implicit_derivative,
+    "warps/minimax.py": test_near_distance_is_differentiated_in_both_modes,  # its closed forms
+    "warps/logarithmic.py": "test_the_logarithmic_warp_carries_its_implicit_derivative",
+    "analysis/split_search.py": "best_shares",
+    "optimize/bounded.py": "lowest",
+    "optimize/vertices.py": "descend",
+    "optimize/inverse.py": "recover",
+    "optimize/taps.py": "best_taps",
+    "optimize/exponent.py": "best_numbers",
+    "optimize/bias.py": "best_bias",
+}
+ELSEWHERE = {
+    "optimize/seen_pixels.py": "which corners bound a map's width, an index",
+    "warps/roots.py": "the finders themselves",
+}
+FINDERS = {"minimise", "minimize", "minimize_scalar", "root_find", "bisect", "least", "least_largest", "implicit",
+           "custom_root", "nnls", "BFGS", "linearized", "least_squares"}  # fmt: skip
+NOT_OURS = ("analysis/ledger/", "rays/", "volumes/", "cli/", "report/", "plotting/")
+
+
+def searches(path):
+    """Whether a module calls a finder, or is an optimiser's and takes the best of several."""
+    calls = [node.func for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
+    names = {f.attr if isinstance(f, ast.Attribute) else getattr(f, "id", "") for f in calls}
+    return bool(names & (FINDERS | ({"argmin", "argmax", "min"} if path.parent.name == "optimize" else set())))
+
+
+def test_every_search_of_the_package_is_differentiated_or_refuses():
+    root = Path(shadowjax.__file__).parent
+    found = {path.relative_to(root).as_posix() for path in root.rglob("*.py") if searches(path)}
+    found = {name for name in found if not name.startswith(NOT_OURS)}
+    assert found <= set(SEARCHES) | set(ELSEWHERE), found - set(SEARCHES) - set(ELSEWHERE)
+    for name, check in SEARCHES.items():
+        assert (root / name).exists()
+        assert callable(check) or check in refusals() or check in globals()
+
+
+def test_the_logarithmic_warp_carries_its_implicit_derivative():
+    """c of least M_z for a logarithmic warp, by all four numbers, against differences."""
+
+    @jax.jit
+    def function(*view):
+        n, f, p, g = view
+        return (jnp.log(jax.vmap(lambda n, f, p, g: log_distance(LightFrustum(n, f, p, p, g)))(n, f, p, g)),)
+
+    _, slopes = reverse(function)
+    for i in range(4):
+        moved = [
+            np.asarray(function(*(v * (1 + s * 1e-5 * (k == i)) for k, v in enumerate(ARRAYS)))[0])
+            for s in (1, -1, 2, -2)
+        ]
+        central = (8 * (moved[0] - moved[1]) - (moved[2] - moved[3])) / 12e-5
+        off = np.abs(slopes[0, i] - central) / np.maximum(np.abs(central), 1)
+        assert np.mean(off > 1e-6) <= 0.02
+
+
 def test_an_optimum_that_is_not_unique_refuses():
     """A flat residual has no implicit derivative: an error at run time, in no mode a silent 0."""
-    from shadowjax.warps.roots import implicit
-
     flat = jax.jit(lambda t: implicit(lambda x: 0 * x * t, jnp.asarray(0.5)))
     assert flat(1.0) == 0.5
     with pytest.raises(Exception, match="equally good optima"):

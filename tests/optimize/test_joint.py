@@ -75,6 +75,16 @@ def test_a_seam_limit_is_kept_and_costs_something():
     assert (total[kept] >= float(found.storage) * (1 - 1e-9)).all()
 
 
+def test_a_search_that_ends_beside_a_kink_is_stationary_and_says_so():
+    """γ = 50°, f/n = 60, k = 2, seams below 1.3: the map's width is bounded by two corners at once."""
+    found = joint_splits(1.0, 60.0, np.pi / 6, np.deg2rad(50.0), 2, seam_limit=1.3)
+    assert found.certificate.converged
+    assert found.certificate.residual < 1e-9
+    assert found.certificate.violation < 1e-12
+    np.testing.assert_allclose(found.storage, 43.08419266, rtol=1e-8)
+    np.testing.assert_allclose(found.certificate.seam_jump, 1.3, rtol=1e-12)
+
+
 def test_parallel_light_keeps_all_slices_but_the_first_at_the_limit():
     """γ = 0, where every n' is the uniform map: the jump is the next slice's ratio (eq. 55 with λ = 0)."""
     found = joint_splits(*VIEW, 0.0, 4, "max", "minimax", 2.0)
