@@ -9,10 +9,12 @@ from shadowjax._checks import require_choice
 from shadowjax.filters.offset_pcf import OffsetPercentageCloser
 from shadowjax.filters.pcf import BilinearPercentageCloser
 from shadowjax.techniques import TECHNIQUES, make_technique
+from shadowjax.warps.uniform import UniformFit
 
 GRADES: Mapping[str, str] = MappingProxyType({
     "silhouettes": "exact where surfaces are hit, and where an outline or a shadow's edge moves",
     "topology": "exact at fixed topology: which surface, texel and branch is met does not change",
+    "zero": "exactly 0, as are differences: the map that the technique comes with does not follow it",
     "values": "the number changes values, and the gradient is 0",
     "static": "chosen before compilation: searched, not differentiated",
     "none": "there is no such number",
@@ -20,7 +22,8 @@ GRADES: Mapping[str, str] = MappingProxyType({
 PARAMETERS: Mapping[str, str] = MappingProxyType({
     "vertices": "positions of the mesh",
     "light": "its position or direction",
-    "camera": "the pose that maps are fitted to, or that a picture is seen from",
+    "camera": "the pose that maps are fitted to, with a partition that follows it, or that a picture is seen from",
+    "camera position": "the same with the partition that the technique comes with",
     "bias": "the depth a test forgives",
     "exponent": "of exponential filters",
     "kernel size": "how many texels a filter's kernel spans",
@@ -32,8 +35,8 @@ PARAMETERS: Mapping[str, str] = MappingProxyType({
 # Not in the registry of techniques: functions with a gradient for silhouettes, and the filter that learns its taps.
 FUNCTIONS = ("shadow_picture", "coverage_planes", "OffsetPercentageCloser")
 _FOLLOWED = {
-    "shadow_picture": ("vertices", "light", "camera"),
-    "coverage_planes": ("vertices", "light", "camera", "near distance", "splits"),
+    "shadow_picture": ("vertices", "light", "camera", "camera position"),
+    "coverage_planes": ("vertices", "light", "camera", "camera position", "near distance", "splits"),
 }
 # Move the rays of a map, or what they meet.
 _MOVES_MAP = ("vertices", "light", "camera", "near distance", "splits")
@@ -41,7 +44,7 @@ _MOVES_MAP = ("vertices", "light", "camera", "near distance", "splits")
 _COUNTED = {
     "exact": {"vertices": "values", "light": "values"},
     "shadow-volumes": {"vertices": "values", "light": "values"},
-    "asm": {"vertices": "values", "light": "static", "camera": "static", "bias": "values"},
+    "asm": {"vertices": "values", "light": "static", "camera": "static", "camera position": "static", "bias": "values"},
 }
 
 
@@ -63,16 +66,25 @@ def capability(name: str, parameter: str) -> str:
     require_choice(parameter, "parameter", PARAMETERS)
     if name in _FOLLOWED:
         return "silhouettes" if parameter in _FOLLOWED[name] else "none"
+    if name == "OffsetPercentageCloser" and parameter == "camera position":
+        return "zero"
     if name == "OffsetPercentageCloser":
         return "topology" if parameter == "offsets" else _of_filter(OffsetPercentageCloser, False, parameter)
     if name in _COUNTED:
         return _COUNTED[name].get(parameter, "none")
     technique: Any = make_technique(name)
+    if parameter == "camera position":
+        return capability(name, "camera") if _follows(technique.partition) else "zero"
     if parameter in _NUMBERS:
         return "static" if _has(technique.filter, parameter) else "none"
     if technique.coverage and parameter in _MOVES_MAP:
         return "silhouettes"
     return _of_filter(type(technique.filter), not technique.filter.compares, parameter)
+
+
+def _follows(partition: Any) -> bool:
+    """Whether the maps of a partition move with the camera: a uniform map around the scene only turns with its view."""
+    return not isinstance(getattr(partition, "warp", UniformFit()), UniformFit)
 
 
 def _of_filter(kind: type, smooth: bool, parameter: str) -> str:

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from scipy.optimize import minimize, nnls
 
 from shadowjax._checked import Checked, checked
@@ -179,12 +180,12 @@ class _Point(NamedTuple):
         violation: Largest excess of a constraint.
     """
 
-    v: np.ndarray
-    forces: np.ndarray
-    holds: np.ndarray
-    fixed: np.ndarray
-    residual: np.ndarray
-    violation: np.ndarray
+    v: Any
+    forces: Any
+    holds: Any
+    fixed: Any
+    residual: Any
+    violation: Any
 
 
 def _condition(
@@ -288,14 +289,14 @@ def joint_splits(
     shape = jnp.broadcast_shapes(limit.shape, *(x.shape for x in jax.tree.leaves(view)))
     flat = jax.tree.map(lambda x: jnp.broadcast_to(x, shape).reshape(-1), (view, limit))
     fixed = jax.tree.leaves(jax.lax.stop_gradient(flat))
-    if any(isinstance(x, jax.core.Tracer) for x in fixed):
+    if any(isinstance(x, Tracer) for x in fixed):
         like = jax.eval_shape(lambda: _blank(kind, fixed[0].shape[0], view.near.dtype))
         point = jax.pure_callback(
             lambda *numbers: _find(kind, *numbers), like, *fixed, vmap_method="sequential"
         )  # fmt: skip
     else:
         point = _find(kind, *fixed)
-    found = _all_reports(*flat, jax.tree.map(jnp.asarray, point), kind)
+    found = _all_reports(flat[0], flat[1], jax.tree.map(jnp.asarray, point), kind)
     return jax.tree.map(lambda x: x.reshape(*shape, *x.shape[1:]), found)
 
 

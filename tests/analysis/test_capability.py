@@ -151,6 +151,28 @@ def test_what_the_table_says_of_a_technique_is_what_its_derivative_does(name):
             assert np.any(followed(name, REACH * np.eye(6)[k])[0] != value), parameter
 
 
+def test_maps_that_do_not_follow_the_camera_are_graded_so():
+    """Grids of the partitions that techniques come with, by where the camera is and by where it looks."""
+    light = lights()["directional"]
+    partitions = {repr(p): (p, name) for name in TECHNIQUES if (p := getattr(make_technique(name), "partition", None))}
+    assert len(partitions) == 2  # Whole and Cube, both uniform
+    follows = ZSplit(2, cuts=jnp.asarray([2.0, 8.0, 16.0]))
+    for partition, name in (*partitions.values(), (follows, None)):
+
+        def placed_at(amounts, partition=partition):
+            turn = jnp.stack([jnp.asarray([0.0, 0.0, 1.0]), jnp.zeros(3), jnp.asarray([-1.0, 0.0, 0.0])])
+            moved = above().position + amounts[0] * jnp.asarray([0.5, 0.2, -0.4])
+            rotation = above().rotation @ (jnp.eye(3) + amounts[1] * turn)
+            camera = eqx.tree_at(lambda c: (c.position, c.rotation), above(), (moved, rotation))
+            return partition.grids(MESH, light, camera, SIZE)
+
+        _, slopes = push(placed_at, jnp.zeros(2), jnp.eye(2))
+        moves, turns = (any(np.any(np.asarray(leaf[k]) != 0) for leaf in jax.tree.leaves(slopes)) for k in (0, 1))
+        assert turns
+        assert moves == (name is None)
+        assert name is None or capability(name, "camera position") == "zero"
+
+
 def leftover(name, k, num=20):
     """Part of the change of visibility along a way that the slopes at its steps do not tell."""
     way = [followed(name, REACH * np.eye(6)[k] * at) for at in np.linspace(0, 1, num + 1)]
