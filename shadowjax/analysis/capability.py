@@ -110,6 +110,7 @@ def _has(filter_: Any, parameter: str) -> bool:
     return any(hasattr(filter_, field) for field in _NUMBERS[parameter])
 
 
+@checked
 def capability_table() -> dict[str, dict[str, str]]:
     """Every technique and function with the grade of every parameter."""
     return {

@@ -125,6 +125,7 @@ def moments(pixels: SeenPixels) -> Float[Array, "4 pixels"]:
     return jnp.stack([base, base * pixels.rise, base * pixels.rise**2, base * pixels.rise**3])
 
 
+@checked
 def widest(chart: Chart, strength: Array) -> tuple[Array, Array]:
     """Which two corners bound a map's width."""
     shrunk = _shrunk(chart, strength)

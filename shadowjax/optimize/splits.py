@@ -162,6 +162,7 @@ class _Pair(eqx.Module):
         return jnp.where(lower, polished, stands), jnp.where(lower, value, values[index])
 
 
+@checked
 def solve(
     frustum: LightFrustum, num_partitions: int, objective: str = "max", warp: str = "uniform", section: Section = "axis"
 ) -> Splits:

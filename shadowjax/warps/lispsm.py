@@ -63,6 +63,7 @@ def equalising(frustum: LightFrustum, section: Section = "axis") -> Float[Array,
     return mean_depth(frustum) * slope + jnp.where(edge >= 0, frustum.near, frustum.far) * edge
 
 
+@checked
 def mean_depth(frustum: LightFrustum) -> Float[Array, "..."]:
     """√(fn), without the product, which leaves the range of small formats."""
     return frustum.near * jnp.sqrt(frustum.far / frustum.near)
@@ -111,6 +112,7 @@ def generalised(frustum: LightFrustum, fade: Fade = "squared") -> Float[Array, "
     return jnp.where(frustum.gamma >= frustum.gamma_limit, equalising(frustum), faded(frustum, fade))
 
 
+@checked
 def faded(frustum: LightFrustum, fade: Fade = "squared") -> Float[Array, "..."]:
     """n'(γ_lim)/r(γ), the source's branch below γ_lim.
 

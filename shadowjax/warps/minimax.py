@@ -56,6 +56,7 @@ def least_storage(frustum: LightFrustum, section: Section = "whole") -> Float[Ar
     return frustum.bounded(larger(equalising(frustum, section), storage_minimum(frustum, section)))
 
 
+@checked
 def storage_minimum(frustum: LightFrustum, section: Section = "whole") -> Float[Array, "..."]:
     """The n' at which M_x·M_z is stationary beyond the equalising n'; the uniform map where it falls throughout."""
     a, b, c, root = _storage_root(frustum, section)
@@ -65,6 +66,7 @@ def storage_minimum(frustum: LightFrustum, section: Section = "whole") -> Float[
     return jnp.where(a > 0, jnp.where(b > 0, near, away), frustum.uniform_near_distance)
 
 
+@checked
 def storage_strength(frustum: LightFrustum, section: Section = "whole") -> Float[Array, "..."]:
     """1/n' of `storage_minimum` where that is positive; it falls through 0 where the uniform map becomes the best."""
     a, b, c, root = _storage_root(frustum, section)

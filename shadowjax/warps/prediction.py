@@ -6,7 +6,7 @@ Everything is written in 1/n', so that the uniform map (n' = ∞) is an ordinary
 import equinox as eqx
 import jax.numpy as jnp
 
-from shadowjax._checked import checked
+from shadowjax._checked import Checked, checked
 from shadowjax._numerics import larger
 from shadowjax._types import Array, Float
 from shadowjax.warps.light_frustum import LightFrustum, Section
@@ -105,7 +105,7 @@ def max_error_x(
     return resolution_ratio * frustum.half_width(strength) / frustum.tan_x * shape
 
 
-class Pieces(eqx.Module):
+class Pieces(Checked):
     """Smooth functions of n' whose largest is a worst error: ln of each is level + Σ power·ln(1 + offset/n').
 
     Attributes:
@@ -146,6 +146,7 @@ _POWERS = {
 }
 
 
+@checked
 def error_pieces(frustum: LightFrustum, error: str, section: Section = "axis") -> Pieces:
     """The smooth functions of n' whose largest is M_x, M_z, S or max(M_x, M_z).
 

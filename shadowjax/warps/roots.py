@@ -18,6 +18,7 @@ _NOT_UNIQUE = (
 )
 
 
+@checked
 def implicit(residual: Callable[[Array], Array], found: Float[Array, "..."]) -> Float[Array, "..."]:
     """`found`, with the derivative of the root of `residual` that it is: −(∂r/∂x)⁻¹·∂r/∂θ.
 
@@ -69,6 +70,7 @@ def bisect(
     return implicit(lambda x: jnp.where(below, x - low, jnp.where(above, x - high, decreasing(x))), root)
 
 
+@checked
 def least(
     value: Callable[[Scalar, Any], Scalar],
     active: Callable[[Scalar], Any],
@@ -128,6 +130,7 @@ def least(
     return implicit(residual, found)
 
 
+@checked
 def least_largest(
     pieces: Callable[[Scalar], Float[Array, "pieces"]],
     low: Scalar,

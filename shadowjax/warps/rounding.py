@@ -1,15 +1,15 @@
 """How far rounding can move the error of a warp: running error analysis of the sums and products that give it."""
 
-import equinox as eqx
 import jax.numpy as jnp
 
+from shadowjax._checked import Checked, checked
 from shadowjax._types import Array, Float
 from shadowjax.warps.light_frustum import LightFrustum, Section
 
 TRIG = 4.0  # roundings of a sine, cosine or tangent, of which the libraries promise fewer
 
 
-class Running(eqx.Module):
+class Running(Checked):
     """A computed number and a bound on its distance from the exact one, both carried through each operation.
 
     Every operation adds one rounding of its result to what its operands bring along; a difference of nearly equal
@@ -61,6 +61,7 @@ class Running(eqx.Module):
         return self.error / jnp.maximum(jnp.abs(self.value) - self.error, float(jnp.finfo(self.value.dtype).tiny))
 
 
+@checked
 def larger(first: Running, second: Running) -> Running:
     """The larger of two, as far off as it is itself where it is surely larger, else as the worse of them."""
     sure = jnp.abs(first.value - second.value) > first.error + second.error
@@ -69,6 +70,7 @@ def larger(first: Running, second: Running) -> Running:
     return Running(jnp.maximum(first.value, second.value), jnp.where(sure, error, worse))
 
 
+@checked
 def rounding_bound(
     frustum: LightFrustum, near_distance: Float[Array, "..."], objective: str, section: Section
 ) -> Float[Array, "..."]:
