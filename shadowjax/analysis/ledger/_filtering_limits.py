@@ -15,6 +15,7 @@ from shadowjax.analysis.ledger._warping_tools import in_double
 _DEPTHS = {"near": 0.2, "far": 0.5, "receiver": 0.8}
 _TWO = tuple({**_DEPTHS, "share": q} for q in (0.1, 0.5, 0.9))
 _THREE = ({**_TWO[0], "c": 4.0}, {**_TWO[1], "c": 1.5}, {**_TWO[2], "c": 9.0})
+_FLAT = ({**_TWO[1], "c": 0.0, "receiver": 0.9},)
 _SPREADS = ({"spread": 0.5}, {"spread": 3.0})
 _FORMATS = {"float16": np.float16, "float32": np.float32, "float64": np.float64}
 
@@ -48,7 +49,8 @@ def _bleed_markov(inputs: Inputs) -> float:
 
 def _warped_bleed(inputs: Inputs) -> float:
     near, far, receiver, share = _depths(inputs)
-    warped = [math.exp(inputs.number("c") * depth) for depth in (near, far, receiver)]
+    c = inputs.number("c")  # depths themselves are the limit of c → 0, as straight lines bend no ratio
+    warped = [math.exp(c * depth) if c else depth for depth in (near, far, receiver)]
     return _markov((warped[0], warped[1]), share, warped[2])
 
 
@@ -79,6 +81,17 @@ def _exponent_options(inputs: Inputs) -> tuple[Any, int, int, float, bool]:
         _FORMATS[inputs.text("format")], inputs.integer("moments", default=1), inputs.integer("kernel", default=1),
         inputs.number("depth", default=1.0), bool(inputs.get("normalised", True)),
     )  # fmt: skip
+
+
+def _exponent_bisected(inputs: Inputs) -> float:
+    """Largest c at which the sum that the kernel makes of e^(mcz) is no larger than the format's largest number."""
+    dtype, moments, kernel, depth, normalised = _exponent_options(inputs)
+    room = float(np.finfo(dtype).max) / (1 if normalised else kernel * kernel)
+    low, high = 0.0, 700.0 / moments / depth
+    for _ in range(100):
+        middle = (low + high) / 2
+        low, high = (middle, high) if math.exp(middle * depth) ** moments <= room else (low, middle)
+    return low
 
 
 def _receiver_bisected(inputs: Inputs) -> float:
@@ -137,8 +150,8 @@ EQUATIONS: tuple[Equation, ...] = (
     ),
     _limit(
         "exponential_variance_bleed", "eq. 2.7", "The same for warped depths: r = (1 − e^(−cΔ))/(e^(cδ) − 1).",
-        lambda i: limits.exponential_variance_bleed(*_depths(i), i.number("c")), _THREE, independent=_warped_bleed,
-        tolerance=1e-8,
+        lambda i: limits.exponential_variance_bleed(*_depths(i), i.number("c")), _THREE + _FLAT,
+        independent=_warped_bleed, tolerance=1e-8,
     ),
     _limit(
         "exponential_bleed", "eq. 2.21", "Light behind two occluders in an exponential map.",
@@ -156,7 +169,7 @@ EQUATIONS: tuple[Equation, ...] = (
             {"format": "float32"}, {"format": "float16", "moments": 2, "depth": 0.8},
             {"format": "float16", "kernel": 5, "normalised": False},
         ),
-        measured=lambda i: limits.measured_exponent(*_exponent_options(i)),
+        independent=_exponent_bisected, measured=lambda i: limits.measured_exponent(*_exponent_options(i)),
         measured_tolerance=2e-3,  # 25 roundings of float16 in e^c, over c
     ),
     _limit(

@@ -11,6 +11,7 @@ from scipy.optimize import minimize, minimize_scalar
 from shadowjax.analysis.equations import Equation
 from shadowjax.analysis.inputs import Inputs, Unavailable
 from shadowjax.analysis.ledger import _brute
+from shadowjax.analysis.ledger._warping_choices import plain
 from shadowjax.analysis.ledger._warping_tools import derived_storage, equal_errors, equation, frustum, root
 from shadowjax.analysis.measure import frustum_corners, light_axes, warp_matrix, warp_point
 from shadowjax.analysis.split_search import best_shares
@@ -92,18 +93,8 @@ def _worst_ratio(i: Inputs):
 
 def _ratio_matrix(i: Inputs) -> float:
     section = SECTIONS[i.text("section")]
-    distance = float(_brute.published(_plain(i), i.text("rule")))
+    distance = float(_brute.published(plain(i), i.text("rule")))
     return _map_worst(frustum(i), distance, section) / _golden(i, section)[1]
-
-
-def _plain(i: Inputs, gammas: Any = None) -> _brute.View:
-    """A row's view in NumPy, under its own light or others."""
-    near = i.number("n", default=1.0)
-    far = i.number("f") if "f" in i else near * i.number("f_over_n")
-    gamma = i.angle("gamma_deg", default=90.0) if gammas is None else gammas
-    tan_y = math.tan(i.angle("phi_y_deg", "phi_deg", default=30.0))
-    tan_x = math.tan(i.angle("phi_x_deg", "phi_deg", "phi_y_deg", default=30.0))
-    return _brute.View(*(np.asarray(x, float) for x in (near, far, tan_y, tan_x, gamma)))
 
 
 def _fan(i: Inputs, gammas: np.ndarray) -> LightFrustum:
@@ -124,8 +115,8 @@ def _scan(i: Inputs, count: int = 4000) -> float:
 def _scan_brute(i: Inputs, count: int = 4000) -> float:
     """The same in NumPy: least errors by golden section, published n' as printed."""
     section, rule = SECTIONS[i.text("section")], i.text("rule")
-    limit = float(_brute.touching(_plain(i, np.zeros(()))))
-    view = _plain(i, np.linspace(0.002, limit, count))
+    limit = float(_brute.touching(plain(i, np.zeros(()))))
+    view = plain(i, np.linspace(0.002, limit, count))
     best = _brute.least(
         lambda q: _brute.max_error_z(view, q, section, depths=2), 1e-3 * float(view.near), 1e9 * float(view.far),
         view.gamma.shape,
@@ -210,8 +201,8 @@ def _storage_matrix(i: Inputs) -> float:
     if rule == "uniform":
         wide = 1e5 * float(view.far)
         return 2 * derived_storage(view, 2 * wide) - derived_storage(view, wide)
-    plain = _plain(i)
-    return derived_storage(view, float(_brute.minimax(plain) if rule == "minimax" else _brute.published(plain, rule)))
+    alone = plain(i)
+    return derived_storage(view, float(_brute.minimax(alone) if rule == "minimax" else _brute.published(alone, rule)))
 
 
 def _excess(i: Inputs, gammas: np.ndarray):
@@ -235,7 +226,7 @@ def _crossover_matrix(i: Inputs) -> float:
         view = frustum(i, gamma=gamma)
         wide = 1e5 * float(view.far)
         uniform = 2 * derived_storage(view, 2 * wide) - derived_storage(view, wide)
-        return derived_storage(view, float(_brute.published(_plain(i, gamma), "44"))) / uniform - 1
+        return derived_storage(view, float(_brute.published(plain(i, gamma), "44"))) / uniform - 1
 
     return math.degrees(root(difference, near * 0.98, near * 1.02))
 
@@ -281,7 +272,7 @@ def _partition(i: Inputs) -> float:
 def _partition_searched(i: Inputs) -> float:
     """Storages in NumPy, with shares found by a simplex search."""
     k, mode = i.integer("k"), i.text("mode")
-    whole = _plain(i)
+    whole = plain(i)
     log_ratio = math.log(float(whole.far / whole.near))
     rules = {
         "lispsm": lambda v: _brute.published(v, "44"),

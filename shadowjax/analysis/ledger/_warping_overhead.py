@@ -31,9 +31,10 @@ NARROW = {"n": 2, "f": 2.5, "phi_x_deg": 20, "phi_y_deg": 25}
 NEARS = (0.9, 7.5, 60)
 MAPS = (
     *({**VIEW, "nprime": n, "z": z, "x": 0.3} for n in NEARS for z in (0.7, 6.0, 53)),
-    {**NARROW, "nprime": 5, "z": 2.2, "x": -0.4},
+    {**NARROW, "nprime": 5, "z": 2.2, "x": -0.4, "res_ratio": 1.7},
 )
-MAXIMA = (*({**VIEW, "nprime": n} for n in NEARS), {**NARROW, "nprime": 5})
+# 6.4 and 7 lie on both sides of n + √(fn), and above √(fn)
+MAXIMA = (*({**VIEW, "nprime": n} for n in (*NEARS, 6.4, 7.0)), {**NARROW, "nprime": 5, "res_ratio": 1.7})
 
 
 def _surface(i: Inputs) -> dict[str, float]:
@@ -79,9 +80,11 @@ def _m_closed(i: Inputs):
 def _m_approx(i: Inputs):
     view, s, _ = _beams(i)
     slope, depth = math.tan(s["alpha"]), jnp.asarray(s["depth"])
-    perspective = error_z(view, jnp.asarray(s["nprime"]), depth, depth * slope) / math.cos(s["alpha"])
+    pixel = aliasing.pixel_width(depth, view.phi_y, s["res"])
+    texel = error_z(view, jnp.asarray(s["nprime"]), depth, depth * slope) * pixel
     cosines = abs(math.sin(s["angle"] - s["alpha"])), abs(math.sin(float(view.gamma) + s["angle"]))
-    return aliasing.aliasing(perspective, jnp.ones(()), jnp.asarray(cosines[0]), jnp.asarray(cosines[1]))
+    across = pixel * math.cos(s["alpha"])  # thickness of the pixel's beam, across the view ray
+    return aliasing.aliasing(texel, across, jnp.asarray(cosines[0]), jnp.asarray(cosines[1]))
 
 
 def _ground(i: Inputs):
@@ -197,6 +200,15 @@ EQUATIONS: tuple[Equation, ...] = (
             for d in range(1, 30)),
     ),
     equation(
+        "Eq13.l_infinity", "eq. 13", "L∞ is the largest absolute error where something is drawn, 0 where nothing is.",
+        lambda i: aliasing.l_infinity(jnp.asarray(i.numbers("errors")), jnp.asarray(i["drawn"])),
+        ({"errors": [1.5, -3, 0.2], "drawn": [True, True, False]}, {"errors": [2, 0.004, -0.001],
+                                                                    "drawn": [False, True, True]},
+         {"errors": [2], "drawn": [False]}),
+        independent=lambda i: max(
+            (abs(error) for error, drawn in zip(i.numbers("errors"), i["drawn"], strict=True) if drawn), default=0.0),
+    ),
+    equation(
         "Eq12.wc_prime_ratio", "eq. 12 and 17", "Pixel footprint over (w_c/cos θ_c): 1/(1 − h² tg² θ_c), h = tg φ/res.",
         lambda i: 1 / (1 - (math.tan(i.angle("phi_deg")) / i.number("res_cy", "res")
                             * math.tan(i.angle("theta_c_deg"))) ** 2),
@@ -280,15 +292,15 @@ EQUATIONS: tuple[Equation, ...] = (
         independent=lambda i: equal_errors(frustum(i)),
     ),
     equation(
-        "Eq28.Mx", "eq. 28", "M_x, at the near plane.", lambda i: aliasing.overhead_max_x(frustum(i), number(i,
-        "nprime")),
-        MAXIMA, independent=lambda i: derived_max(frustum(i), i.number("nprime"))[0],
+        "Eq28.Mx", "eq. 28", "M_x, at the near plane.",
+        lambda i: aliasing.overhead_max_x(frustum(i), number(i, "nprime"), ratio(i)), MAXIMA,
+        independent=lambda i: ratio(i) * derived_max(frustum(i), i.number("nprime"))[0],
         verdict="conditional", condition="n' ≥ n",
     ),
     equation(
         "Eq29.Mz", "eq. 29", "M_z, at the far plane up to n'_LiSPSM, at the near plane beyond.",
-        lambda i: aliasing.overhead_max_z(frustum(i), number(i, "nprime")), MAXIMA,
-        independent=lambda i: derived_max(frustum(i), i.number("nprime"))[1],
+        lambda i: aliasing.overhead_max_z(frustum(i), number(i, "nprime"), ratio(i)), MAXIMA,
+        independent=lambda i: ratio(i) * derived_max(frustum(i), i.number("nprime"))[1],
     ),
     equation(
         "Eq30.S", "eq. 30", "S is texels at critical resolution per pixel, so M_x·M_z.",
