@@ -134,7 +134,8 @@ def half_plane_windows(side: int) -> Bool[np.ndarray, "patterns rows cols"]:
     along the edge's normal is fixed, so the subsets are the prefixes of these orders. Exact integers.
     """
     require_int(side, "window side", 1)
-    steps = [(x, y) for x in range(side) for y in range(side) if math.gcd(x, y) == 1]
+    reach = range(max(side, 2))  # a single texel has no differences, and needs a direction all the same
+    steps = [(x, y) for x in reach for y in reach if math.gcd(x, y) == 1]
     turned = sorted({(x, y) for x, y in steps} | {(-y, x) for x, y in steps}, key=lambda d: math.atan2(d[1], d[0]))
     turned.append((-turned[0][0], -turned[0][1]))  # half a turn closes the circle: complements do the rest
     y, x = np.divmod(np.arange(side * side), side)

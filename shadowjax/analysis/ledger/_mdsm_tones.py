@@ -1,12 +1,13 @@
 """Multi-depth source, chapter 4: how many tones a filter can give, and where a policy moves an edge."""
 
 import itertools
+import math
 from collections.abc import Callable
 from fractions import Fraction
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from shadowjax._types import default_dtype
 from shadowjax.analysis import cost, tones, windows
@@ -44,6 +45,36 @@ def _combinations_tones(inputs: Inputs) -> int | None:
 def _multisets(inputs: Inputs) -> int:
     levels = [Fraction(str(level)) for level in inputs["levels"]]
     return len({sum(choice) for choice in itertools.combinations_with_replacement(levels, inputs.integer("n"))})
+
+
+def _fractions(inputs: Inputs, name: str) -> list[Fraction]:
+    return [Fraction(str(value)) for value in inputs[name]]
+
+
+def _weighted_sums(inputs: Inputs) -> int:
+    """Different sums of all choices, each made on its own, in thousandths."""
+    levels, weights = inputs.numbers("levels"), inputs.numbers("weights")
+    choices = itertools.product(levels, repeat=len(weights))
+    return len({round(1000 * sum(w * level for w, level in zip(weights, one, strict=True))) for one in choices})
+
+
+def _most_sums(inputs: Inputs) -> int:
+    """Different sums of levels that no other sum can make: powers of a large number, weighted by larger ones."""
+    n, w = inputs.integer("n"), inputs.integer("w")
+    levels = [0, *(100**power for power in range(w - 1))]
+    weights = [1 if inputs["equal"] else 100 ** (w * place) for place in range(n)]
+    choices = itertools.product(levels, repeat=n)
+    return len({sum(a * b for a, b in zip(weights, one, strict=True)) for one in choices})
+
+
+def _histogram_measured(inputs: Inputs) -> list[int] | None:
+    """How often the package's filter gives each tone over all windows, for a plain and a multi-depth map."""
+    k, policy = inputs.integer("k"), _policy(inputs)
+    if k != 4 or not _centre(inputs) or policy not in ("1-SM", "2-SM max"):
+        return None
+    seen = np.asarray(real.window_visibility(real.depths(real.all_windows(4)), policy, 2, True))
+    scale = k * windows.num_depths(policy)
+    return np.bincount(np.round(seen * scale).astype(int), minlength=scale + 1).tolist()
 
 
 def _exhaustive_measured(inputs: Inputs) -> int | None:
@@ -95,8 +126,41 @@ def _random_lines(inputs: Inputs) -> int:
     return np.unique(windows.lit_numerators(lit, _policy(inputs))).size
 
 
-def _shift_measured(inputs: Inputs) -> float:
+def _separable(inputs: Inputs) -> int:
+    """Two for all and none, and one for each pair of neighbours on a line, in either order: what the edge divides."""
+    side = inputs.integer("side")
+    steps = itertools.product(range(1 - side, side), repeat=2)
+    return 2 + sum((side - abs(i)) * (side - abs(j)) for i, j in steps if math.gcd(i, j) == 1)
+
+
+def _some_depths() -> Float[np.ndarray, "rows cols"]:
+    return np.random.default_rng(8).permutation(49).reshape(7, 7).astype(float)
+
+
+def _extremes(inputs: Inputs) -> list[float]:
+    """Of the middle texel of a map of whole numbers, by looking at them one by one."""
+    size, depth = inputs.integer("size"), _some_depths()
+    reach = range(-((size - 1) // 2), size // 2 + 1)
+    cells = [(i, j) for i in reach for j in reach if _centre(inputs) or (i, j) != (0, 0)]
+    seen = [float(depth[3 + i, 3 + j]) for i, j in cells]
+    return [float(depth[3, 3]), max(seen), min(seen)]
+
+
+def _extremes_measured(inputs: Inputs) -> list[float]:
+    depth = jnp.asarray(_some_depths(), default_dtype())
+    return np.asarray(
+        real.multi_depth.min_max_neighbours(depth, inputs.integer("size"), _centre(inputs))[:, 3, 3]
+    ).tolist()
+
+
+def _size(inputs: Inputs) -> int:
+    return inputs.integer("size", default=3)
+
+
+def _shift_measured(inputs: Inputs) -> float | None:
     """Sum of visibility along a row across a step, less that of the plain map, in texels; the package's own policy."""
+    if _size(inputs) != 3:
+        return None
     lit = np.broadcast_to(np.arange(16) >= 8, (5, 16))
 
     def total(policy: str) -> float:
@@ -188,6 +252,28 @@ EQUATIONS: tuple[Equation, ...] = (
         ),
         samples=({"levels": [0, 0.3, 1], "n": 2}, {"levels": [0, 0.5, 1], "n": 3}, {"levels": [0, 0.1, 1], "n": 4}),
     ),
+    Equation(
+        id="mdsm.Eq4.2.bound",
+        source="mdsm, eq. 4.2",
+        statement="Most tones of n samples of w levels: C(n+w−1, w−1), or wⁿ if samples have weights of their own.",
+        verdict="holds",
+        closed_form=lambda i: tones.max_tones(i.integer("n"), i.integer("w"), i["equal"]),
+        independent=_most_sums,
+        samples=({"n": 3, "w": 3, "equal": True}, {"n": 5, "w": 2, "equal": True}, {"n": 3, "w": 3, "equal": False}),
+    ),
+    Equation(
+        id="mdsm.Eq4.2.weighted",
+        source="mdsm, eq. 4.2",
+        statement="Tones of samples that are weighted, by all sums.",
+        verdict="holds",
+        closed_form=lambda i: tones.count_sums(_fractions(i, "levels"), len(i["weights"]), _fractions(i, "weights")),
+        independent=_weighted_sums,
+        samples=(
+            {"levels": [0, 1], "weights": [1, 2, 4]},
+            {"levels": [0, 0.5, 1], "weights": [1, 2, 1]},
+            {"levels": [0, 0.3, 1], "weights": [1, 1, 3]},
+        ),
+    ),
     *(
         Equation(
             id=f"mdsm.PCF({k},{n}).tones",
@@ -220,6 +306,16 @@ EQUATIONS: tuple[Equation, ...] = (
         ),
     ),
     Equation(
+        id="mdsm.tones.histogram",
+        source="mdsm, section 4.4",
+        statement="How many of all binary windows give each tone.",
+        verdict="holds",
+        closed_form=lambda i: list(windows.window_histogram(i.integer("k"), _policy(i), _centre(i))),
+        independent=lambda i: windows.enumerated_histogram(i.integer("k"), _policy(i), _centre(i)),
+        measured=_histogram_measured,
+        samples=tuple({"k": k, "policy": p, "centre_included": c} for k in (1, 4) for p in _ALL for c in (True, False)),
+    ),
+    Equation(
         id="mdsm.tones.straight_edge",
         source="mdsm, section 4.4",
         statement="Tones along straight shadow edges: n·k + 1 is attained by the plain map alone.",
@@ -230,6 +326,24 @@ EQUATIONS: tuple[Equation, ...] = (
         independent=_random_lines,
         measured=_measure_on(windows.half_plane_windows),
         samples=_samples(_ALL, (1, 4, 9)),
+    ),
+    Equation(
+        id="mdsm.tones.half_planes",
+        source="mdsm, section 4.4",
+        statement="Windows of s × s texels that a straight edge can make: 2 + Σ (s − |i|)(s − |j|) over coprime i, j.",
+        verdict="holds",
+        closed_form=_separable,
+        independent=lambda i: len(windows.half_plane_windows(i.integer("side"))),
+        samples=tuple({"side": side} for side in (1, 2, 3, 4, 5, 6)),
+    ),
+    Equation(
+        id="mdsm.neighbourhood",
+        source="mdsm, section 4.5",
+        statement="Largest and smallest depth of s × s texels, with or without the middle one.",
+        verdict="holds",
+        closed_form=_extremes,
+        measured=_extremes_measured,
+        samples=tuple({"size": size, "centre_included": centre} for size in (2, 3, 5) for centre in (True, False)),
     ),
     Equation(
         id="mdsm.tones.axis_step",
@@ -268,15 +382,18 @@ EQUATIONS: tuple[Equation, ...] = (
     Equation(
         id="mdsm.edge_shift",
         source="mdsm, section 4.5",
-        statement="Texels by which a policy moves the mean edge into the shadow: ½ (maximum), −½ (minimum), 0.",
+        statement="Texels by which a policy moves the mean edge into the shadow: ½ (maximum), −½ (minimum), 0; with "
+        "neighbourhoods of s × s texels (s − 1)/2 times as much.",
         verdict="holds",
-        closed_form=lambda i: Fraction(
-            {"1-SM": 0, "2-SM max": 1, "2-SM min": -1, "3-SM min/max": 0}[_policy(i)], windows.num_depths(_policy(i))
+        closed_form=lambda i: (
+            Fraction({"1-SM": 0, "2-SM max": 1, "2-SM min": -1, "3-SM min/max": 0}[_policy(i)] * (_size(i) - 1), 2)
+            / windows.num_depths(_policy(i))
         ),
-        independent=lambda i: tones.edge_shift(_policy(i)),
+        independent=lambda i: tones.edge_shift(_policy(i), _size(i)),
         measured=_shift_measured,
         measured_tolerance=1e-6,
-        samples=tuple({"policy": policy} for policy in _ALL),
+        samples=tuple({"policy": policy} for policy in _ALL)
+        + tuple({"policy": policy, "size": 5} for policy in _ALL[1:]),
     ),
     Equation(
         id="mdsm.text.tones_10_13",

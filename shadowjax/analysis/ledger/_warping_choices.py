@@ -12,7 +12,15 @@ import numpy as np
 from shadowjax.analysis import storage
 from shadowjax.analysis.inputs import Inputs
 from shadowjax.analysis.ledger import _brute
-from shadowjax.analysis.ledger._warping_tools import derived_max, equal_errors, equation, frustum, number
+from shadowjax.analysis.ledger._warping_tools import (
+    derived_errors,
+    derived_max,
+    equal_errors,
+    equation,
+    frustum,
+    number,
+    root,
+)
 from shadowjax.partitions.split_rules import adaptive_splits, practical_splits
 from shadowjax.warps import lispsm
 from shadowjax.warps.light_frustum import Section
@@ -150,6 +158,41 @@ def _clamped_by_logs(i: Inputs) -> list[float]:
     return [near, *reversed(planes)]
 
 
+def _equal_power(i: Inputs):
+    """n' that makes m_x^α·m_z^β equal at both planes: (F − E·r)/(r − 1) with r = (f/n)^((α + β)/(α + 2β))."""
+    view, alpha, beta = frustum(i), i.number("alpha"), i.number("beta")
+    at_near, at_far = view.offset(view.near), view.offset(view.far)
+    power = (view.far / view.near) ** ((alpha + beta) / (alpha + 2 * beta))
+    return (at_far - at_near * power) / (power - 1)
+
+
+def _equal_power_root(i: Inputs) -> float:
+    """The same as a root of errors of the matrix map."""
+    view = frustum(i)
+
+    def difference(log_distance: float) -> float:
+        m_x, m_z = derived_errors(view, math.exp(log_distance), jnp.stack([view.near, view.far]))
+        powers = i.number("alpha") * jnp.log(m_x) + i.number("beta") * jnp.log(m_z)
+        return float(powers[0] - powers[1])
+
+    return math.exp(root(difference, math.log(1e-6 * float(view.near)), math.log(1e3 * float(view.far))))
+
+
+def _area_gain(i: Inputs) -> float:
+    """Largest m_x·m_z at LiSPSM's n' over the largest at the n' that makes it equal at both planes, light overhead."""
+    view = plain(i)
+    depths = view.near * (view.far / view.near) ** np.linspace(0, 1, 41)
+
+    def worst(q: float) -> float:
+        beyond, length = q + depths - view.near, view.far - view.near
+        m_x = view.far / (q + length) * beyond / depths  # P is as wide as the far plane's corners at its far end
+        m_z = beyond**2 * length / (q * (q + length)) / (2 * depths * view.tan_y)
+        return float(np.max(m_x * m_z))
+
+    return worst(float(view.near + np.sqrt(view.near * view.far))) / worst(float(_equal_power(i.merged(_AREA))))
+
+
+_AREA = {"alpha": 1, "beta": 1}
 _SHAPES = {"section": "axis"}, {"section": "whole"}
 
 EQUATIONS = (
@@ -172,6 +215,19 @@ EQUATIONS = (
         independent=_searched(lambda i, view, c: _brute.max_error_log(view, c, i.text("section"))), tolerance=1e-8,
     ),
     equation(
+        "beyond.nprime_power", "beyond eq. 27", "n' of equal m_x^α·m_z^β at both planes; α = β is the area of a texel.",
+        _equal_power,
+        tuple({**VIEW, "gamma_deg": g, "alpha": a, "beta": b}
+              for g in (90, 50) for a, b in ((1, 1), (0, 1), (1, 0), (2, 1))),
+        independent=_equal_power_root, verdict="conditional", condition="γ ≥ γ_lim.",
+    ),
+    equation(
+        "beyond.area_gain", "beyond eq. 27",
+        "With the light overhead the largest area error falls by (f/n)^(1/3) from LiSPSM to α = β, at equal storage.",
+        lambda i: (i.number("f") / i.number("n")) ** (1 / 3), ({"n": 1, "f": 10}, {"n": 0.5, "f": 250}),
+        independent=_area_gain,
+    ),
+    equation(
         "Eq32.eta", "eq. 32", "η of a near distance: −1 is the uniform map, 0 LiSPSM, 1 PSM.",
         lambda i: lispsm.eta_from_near_distance(frustum(i), number(i, "nprime")),
         tuple({"n": n, "f": f, "nprime": q} for n, f, q in ((2, 70, 2), (2, 70, 6), (2, 70, 40), (0.3, 9, 1.1))),
@@ -180,7 +236,8 @@ EQUATIONS = (
     equation(
         "beyond.partitions_needed", "beyond eq. 51",
         "Fewest warped slices whose S is at most a bound, with the light overhead.", _needed,
-        tuple({"f_over_n": r, "bound": b} for r, b in ((100, 5.0), (100, 99.5), (100, 7.3), (30, 3.39), (30, 3.0))),
+        tuple({"f_over_n": r, "bound": b}
+              for r, b in ((100, 5.0), (100, 99.5), (100, 7.3), (100, 10.92), (30, 3.39), (30, 3.0))),
         independent=_counted,
     ),
     equation(

@@ -54,6 +54,14 @@ def _bytes_closed(inputs: Inputs) -> int | None:
     return None if size & (size - 1) else chained * (4 * size * size - 1) // 3 + single * size * size
 
 
+def _planes_counted(inputs: Inputs) -> int:
+    """Bytes of every texel of every level, channels without a plane included where three are left over."""
+    planes, size = inputs.integer("planes"), inputs.integer("res")
+    channels = planes + (planes % 4 == 3)
+    levels = range(size.bit_length()) if inputs["mips"] else (0,)
+    return sum(channels * inputs.integer("bits") // 8 * (size >> level) ** 2 for level in levels)
+
+
 def _megabytes(inputs: Inputs) -> float:
     return memory.source_megabytes(_textures(inputs), inputs.integer("res"))
 
@@ -123,6 +131,29 @@ EQUATIONS: tuple[Equation, ...] = (
         closed_form=_bytes,
         independent=_bytes_closed,
         samples=tuple(({"res": size}, f"{name},{size}") for name in _FORMATS for size in (256, 2048)),
+    ),
+    Equation(
+        id="filtering.Tab4.2.blurred",
+        source="filtering, Table 4.2",
+        statement="Bytes of a technique with the temporary map of its blur.",
+        verdict="holds",
+        closed_form=lambda i: memory.SOURCE_STORAGE[_name(i).lower()].num_bytes(i.integer("res"), blurred=True),
+        independent=lambda i: sum(_bytes_closed(Inputs(i, _name(i) + end)) or 0 for end in ("", "_C")),
+        samples=tuple(({"res": 512}, f"{name},512") for name in ("VSM", "CSM", "ESM")),
+    ),
+    Equation(
+        id="filtering.Tab4.2.planes",
+        source="filtering, Table 4.2",
+        statement="Bytes of planes in textures of four channels, the rest in one of one, two or four.",
+        verdict="holds",
+        closed_form=lambda i: memory.Storage(
+            memory.planes_in_formats(i.integer("planes"), i.integer("bits"), i["mips"])
+        ).num_bytes(i.integer("res")),
+        independent=_planes_counted,
+        samples=tuple(
+            {"planes": planes, "bits": bits, "mips": mips, "res": 64}
+            for planes, bits, mips in ((1, 32, False), (3, 16, True), (6, 8, True), (7, 32, False), (8, 16, True))
+        ),
     ),
     Equation(
         id="filtering.Tab4.2.megabytes",
