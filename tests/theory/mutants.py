@@ -34,11 +34,11 @@ RECORD = Path(__file__).with_name("mutants.json")
 # Modules whose functions the ledger checks; `True` where numbers are whole, so that constants change by 1, not by 1 %.
 LIBRARY = {
     "analysis.aliasing": False, "analysis.cost": True, "analysis.limits": False, "analysis.memory": True,
-    "analysis.storage": False, "analysis.tones": True, "analysis.windows": True,
-    "filters.convolution": False, "filters.exponential": False, "filters.hard": False, "filters.multi_depth": True,
-    "filters.pcf": False, "filters.variance": False, "geometry.adjacent_edges": True, "partitions.refinement": False,
-    "partitions.split_rules": False, "warps.light_frustum": False, "warps.lispsm": False, "warps.logarithmic": False,
-    "warps.minimax": False, "warps.prediction": False,
+    "analysis.storage": False, "analysis.tones": True, "analysis.windows": True, "filters.hard": False,
+    "filters.multi_depth": True, "filters.variance": False, "filters.convolution": False,
+    "filters.exponential": False, "geometry.adjacent_edges": True, "partitions.refinement": False,
+    "partitions.split_rules": False, "warps.lispsm": False, "warps.light_frustum": False, "warps.minimax": False,
+    "warps.prediction": False, "warps.logarithmic": False,
 }  # fmt: skip
 LEDGER = tuple(
     f"analysis.ledger.{name}"
@@ -48,11 +48,13 @@ LEDGER = tuple(
         "_warping_partition", "asm", "filtering", "stencil",
     )
 )  # fmt: skip
-# Measurements and searches in these modules, which are second routes and no closed forms.
-SEARCHES = {
+MOST_ROWS = 40  # that a mutant is tried against, the cheapest first
+# What these modules hold beside closed forms: measurements, searches and a sort, and a constructor.
+OTHERS = {
     "analysis.cost.dependence", "analysis.cost.count_build_fetches", "analysis.cost.count_lookup_fetches",
     "analysis.limits.measured_deviation", "analysis.limits.measured_exponent", "analysis.tones.tones",
-    "analysis.tones.count_tones", "analysis.windows.enumerated_histogram",
+    "analysis.tones.count_tones", "analysis.windows.enumerated_histogram", "warps.light_frustum.LightFrustum.create",
+    "partitions.refinement.wishes",
 }  # fmt: skip
 # Beginning of a pattern of names → why no row can notice.
 REASONS: tuple[tuple[str, str], ...] = (
@@ -84,6 +86,30 @@ REASONS: tuple[tuple[str, str], ...] = (
         "a slice that ends 2·margin from its start's far side is the same",
     ),
     (r"windows\.lit_numerators: constant: 1 → 2  in  keep", "neighbourhoods of one or two texels, which no policy has"),
+    (r"lispsm\.(psm|wimmer): .*jnp\.zeros_like", "a zero that only gives the answer the shape of γ"),
+    (r"near_distance_from_eta: constant: 0 → 0\.01  in  negative", "a branch that is not taken for η > 0"),
+    (
+        r"LightFrustum\.(uniform_near_distance|ratio|bounded): .*(eps|uniform_near_distance)",
+        "the finite number that stands for n' = ∞: any so large gives the uniform map to rounding",
+    ),
+    (
+        r"half_width: .*low_near",
+        "low_near is not 0 for γ < φ alone, where the far corners are the wider whatever the near ones are",
+    ),
+    (r"variance\._chebyshev: constant: 0 → 0\.01  in  lost", "a guard of 0/0, taken where both are 0"),
+    (r"AdjacentEdges\.lists: constant: 0 → 1", "the polygon that hides an entry comes later, so it is never the first"),
+    (
+        r"find_adjacent_edges: constant: 1 → 2",
+        "any negative number marks an entry as visible, and leaves the length of an array to NumPy",
+    ),
+    (r"split_rules\.iterate_adaptive: constant: 0 → 0\.01", "whether to clamp at all, for shares from 0 to 1 %"),
+    (r"split_rules\.adaptive_splits: ends: near → far  in  right_angle", "two numbers of one dtype"),
+    (
+        r"half_plane_windows: (constant: 2 → 3  in  reach|sign: -turned)",
+        "directions more, or another last one: the row still counts every window, since complements hold them twice",
+    ),
+    (r"half_plane_windows: sign: \(ax \+ bx\) \* x \+", "windows mirrored at an axis, which are the same windows"),
+    (r"windows\.diagonal_step_windows: constant: 2 → 3", "more windows that are dark all over"),
     (r"windows\.window_histogram: constant: 1 → 2$", "a turn of the loop for a number of lit tests that never comes"),
 )
 EXCHANGED = {
@@ -418,8 +444,16 @@ def _fails(equation: equations.Equation) -> str:
     return ""
 
 
-def trace(patcher: Patcher, prefixes: tuple[str, ...], say: Callable[[str], None]) -> list[Row]:
-    """Check every row as it is, and find which functions it runs; cheapest first."""
+def trace(patcher: Patcher, prefixes: tuple[str, ...], say: Callable[[str], None], file: Path | None) -> list[Row]:
+    """Check every row as it is, and find which functions it runs; cheapest first.
+
+    Args:
+        patcher: Of all modules that matter.
+        prefixes: Beginnings of the ids of the rows to look at.
+        say: Called with a line for each row.
+        file: Keeps what was found; rows that it knows are not checked again.
+    """
+    kept = json.loads(file.read_text(encoding="utf-8")) if file and file.exists() else {}
     seen: set[str] = set()
     builtins._mutants_seen = seen.add  # type: ignore[attr-defined]
     rows = []
@@ -428,6 +462,9 @@ def trace(patcher: Patcher, prefixes: tuple[str, ...], say: Callable[[str], None
             stack.enter_context(patcher.patched(module, _instrumented(module)))
         for equation in equations.ledger().values():
             if not equation.id.startswith(prefixes):
+                continue
+            if equation.id in kept:
+                rows.append(Row(equation, kept[equation.id][0], set(kept[equation.id][1])))
                 continue
             for clear, _ in patcher.caches:
                 clear()
@@ -438,6 +475,9 @@ def trace(patcher: Patcher, prefixes: tuple[str, ...], say: Callable[[str], None
                 raise RuntimeError(f"{equation.id} fails as it is: {reason}")
             rows.append(Row(equation, time.process_time() - start, set(seen)))
             say(f"{rows[-1].seconds:6.2f} s  {equation.id}")
+    if file:
+        kept |= {row.equation.id: (row.seconds, sorted(row.runs)) for row in rows}
+        file.write_text(json.dumps(kept), encoding="utf-8")
     return sorted(rows, key=lambda row: row.seconds)
 
 
@@ -453,47 +493,78 @@ def _test(mutant: Mutant, rows: list[Row], patcher: Patcher) -> tuple[str, str]:
     return "", ""
 
 
-def run(modules: dict[str, bool], prefixes: tuple[str, ...], say: Callable[[str], None]) -> dict[str, Any]:
+def run(
+    modules: dict[str, bool],
+    prefixes: tuple[str, ...],
+    say: Callable[[str], None],
+    save: Callable[[dict[str, Any]], None],
+    kept: Path | None = None,
+    old: dict[str, Any] | None = None,
+) -> dict[str, Any]:
     """Every mutant of some modules against the rows that run its function.
 
     Args:
         modules: As in LIBRARY.
         prefixes: Beginnings of the ids of the rows to look at.
         say: Called with a line for each thing done.
+        save: Called with what is known, now and then.
+        kept: File of what each row runs, for the next time.
+        old: An earlier record: mutants that it knows to be noticed are not tried again, nor rows that notice one.
 
     Returns:
         For each mutant the row that noticed it, or an empty name; for each row a mutant that it fails for, likewise;
         and the functions that no row runs.
     """
+    old = old or {"mutants": {}, "rows": {}, "unused": []}
     patcher = Patcher((*modules, *LEDGER))
-    rows = trace(patcher, prefixes, say)
+    rows = trace(patcher, prefixes, say, kept)
     ran: set[str] = set().union(*(row.runs for row in rows))
-    found: dict[str, str] = {}
-    noticed: dict[str, str] = {row.equation.id: "" for row in rows}
+    ledger = equations.ledger()
+    noticed: dict[str, str] = {row.equation.id: old["rows"].get(row.equation.id, "") for row in rows}
     every = [
         mutant
         for module, whole in modules.items()
         for mutant in mutants(module, whole)
-        if mutant.place in ran and mutant.place not in SEARCHES
+        if mutant.place in ran and mutant.place not in OTHERS
     ]
-    say(f"{len(every)} mutants")
-    for number, mutant in enumerate(every):
+    found = {one.id: old["mutants"][one.id] for one in every if old["mutants"].get(one.id) in ledger}
+    places = {place for module in modules for place, _ in _places(_source(module)[0], module)}
+    unused = sorted(one for one in places - ran - OTHERS if "#" not in one)
+    todo = [one for one in every if one.id not in found]
+    say(f"{len(every)} mutants, {len(todo)} of them not known to be noticed")
+    for number, mutant in enumerate(todo):
         chosen = [row for row in rows if mutant.place in row.runs]
         # among rows of like cost, those that have noticed nothing yet come first
         chosen.sort(key=lambda row: row.seconds + 0.2 * bool(noticed[row.equation.id]))
-        name, reason = _test(mutant, chosen, patcher)
+        name, reason = _test(mutant, chosen[:MOST_ROWS], patcher)
         found[mutant.id] = name
         if name:
             noticed[name] = noticed[name] or mutant.id
         say(f"{number:5d}  {mutant.id}  |  {name or f'SURVIVES {len(chosen)} rows'}  {reason}")
+        if number % 50 == 0:
+            save({"mutants": found, "rows": noticed, "unused": unused})
     wanted = [row for row in rows if not noticed[row.equation.id]]
     inner = [mutant for module in LEDGER for mutant in mutants(module)] if wanted else []
-    for row in wanted:
+    for number, row in enumerate(wanted):
         at = next((one for one in (*every, *inner) if one.place in row.runs and _test(one, [row], patcher)[0]), None)
         noticed[row.equation.id] = at.id if at else ""
         say(f"{row.equation.id}  fails for  {noticed[row.equation.id] or 'NOTHING'}")
-    places = {place for module in modules for place, _ in _places(_source(module)[0], module)}
-    return {"mutants": found, "rows": noticed, "unused": sorted(one for one in places - ran if "#" not in one)}
+        if number % 10 == 0:
+            save({"mutants": found, "rows": noticed, "unused": unused})
+    return {"mutants": found, "rows": noticed, "unused": unused}
+
+
+def _added(old: dict[str, Any], new: dict[str, Any], modules: tuple[str, ...]) -> dict[str, Any]:
+    """A record with some of its modules made anew."""
+    begins = tuple(f"{module}." for module in modules)
+    kept = {name: row for name, row in old["mutants"].items() if not name.startswith(begins)}
+    rows = {name: new["rows"].get(name) or old["rows"].get(name, "") for name in {**old["rows"], **new["rows"]}}
+    known = equations.ledger()
+    return {
+        "mutants": dict(sorted({**kept, **new["mutants"]}.items())),
+        "rows": {name: rows[name] for name in known if name in rows},
+        "unused": sorted({one for one in old["unused"] if not one.startswith(begins)} | set(new["unused"])),
+    }
 
 
 def table(result: dict[str, Any]) -> str:
@@ -557,7 +628,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", default=[*LIBRARY], help="modules to change")
     parser.add_argument("--rows", nargs="+", default=[""], help="beginnings of the ids of rows to check")
-    parser.add_argument("--write", type=Path, help="where to write what was found, as JSON")
+    parser.add_argument("--write", type=Path, default=None, help="where to write what was found, as JSON")
+    parser.add_argument("--trace", type=Path, default=None, help="file that keeps what rows run")
+    parser.add_argument("--add", action="store_true", help="keep what the file says, and try what it does not know")
     parser.add_argument("--sample", type=int, help="draw so many mutants of the record, each against its row")
     parser.add_argument("--seed", type=int, default=0)
     chosen = parser.parse_args()
@@ -571,10 +644,16 @@ def main() -> int:
         missed = sample(chosen.sample, chosen.seed, say)
         print("\n".join(missed) or f"{chosen.sample} mutants, each noticed by its row")
         return 1 if missed else 0
-    result = run(modules, tuple(chosen.rows), say)
-    if chosen.write:
-        chosen.write.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    print(table(result))
+    old = json.loads(chosen.write.read_text(encoding="utf-8")) if chosen.add else None
+
+    def save(found: dict[str, Any]) -> None:
+        if chosen.write:
+            record = found if old is None else _added(old, found, tuple(modules))
+            chosen.write.write_text(json.dumps(record, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+    result = run(modules, tuple(chosen.rows), say, save, chosen.trace, old)
+    save(result)
+    print(table(result if old is None else _added(old, result, tuple(modules))))
     return 0
 
 

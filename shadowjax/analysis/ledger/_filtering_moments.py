@@ -350,7 +350,12 @@ EQUATIONS: tuple[Equation, ...] = (
         independent=lambda i: float(np.interp(i.number("v"), [i.number("L"), i.number("H")], [0.0, 1.0])),
         measured=_linear_step_measured,
         measured_tolerance=1e-6,
-        samples=({"L": 0.2, "H": 1, "v": 0.6}, {"L": 0.1, "H": 1, "v": 0.999}, {"L": 0.3, "H": 1, "v": 0.25}),
+        samples=(
+            {"L": 0.2, "H": 1, "v": 0.6},
+            {"L": 0.1, "H": 1, "v": 0.999},
+            {"L": 0.3, "H": 1, "v": 0.25},
+            {"L": 0.2, "H": 0.8, "v": 0.95},
+        ),
     ),
     Equation(
         id="filtering.VSM.cancellation_std",

@@ -189,6 +189,17 @@ def _image(inputs: Inputs, measured: bool = False) -> int:
     return np.unique(windows.lit_numerators(cut, policy)).size
 
 
+def _chords(inputs: Inputs) -> list[int]:
+    """Whole numbers on the chord that each row cuts from the disk, within the map."""
+    size, radius, y, x = inputs.integer("N"), *(inputs.number(name) for name in ("r", "y", "x"))
+    counts = []
+    for row in range(size):
+        half = math.sqrt(max(radius * radius - (row - y) * (row - y), 0.0))
+        inside = abs(row - y) <= radius
+        counts.append(max(min(math.floor(x + half), size - 1) - max(math.ceil(x - half), 0) + 1, 0) if inside else 0)
+    return counts
+
+
 # Filters that are measured on arrays: each is a program to compile, and others would repeat these.
 _MEASURED = {(4, "1-SM"), (4, "2-SM max"), (4, "3-SM min/max"), (9, "2-SM min"), (9, "3-SM min/max")}
 
@@ -378,6 +389,15 @@ EQUATIONS: tuple[Equation, ...] = (
             ({"k": 4, "policy": "2-SM max", "N": 96}, "2-SM max,k=4,disk r=30"),
             ({"k": 9, "policy": "3-SM min/max", "N": 96}, "3-SM min/max,k=9,disk r=30"),
         ),
+    ),
+    Equation(
+        id="mdsm.tones.disk",
+        source="mdsm, section 4.4",
+        statement="Dark texels of a map whose occluder is a disk, row by row.",
+        verdict="holds",
+        closed_form=lambda i: (~windows.disk_map(i.integer("N"), i.number("r"), (i.number("y"), i.number("x")))).sum(1),
+        independent=_chords,
+        samples=({"N": 12, "r": 4.3, "y": 5.2, "x": 6.1}, {"N": 9, "r": 3, "y": 2.5, "x": 7.25}),
     ),
     Equation(
         id="mdsm.edge_shift",

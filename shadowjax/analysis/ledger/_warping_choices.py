@@ -31,6 +31,10 @@ from shadowjax.warps.prediction import max_error_x, max_error_z, storage_factor
 VIEW = {"n": 0.7, "f": 53, "phi_y_deg": 33, "phi_x_deg": 41}
 SECTIONS: tuple[Section, ...] = ("axis", "whole")
 LIGHTS = tuple({**VIEW, "gamma_deg": g} for g in (80, 50, 33, 20, 6))
+# thin slices under a light far from the view, where the storage still falls beyond the equalising n'
+THIN = tuple(
+    {"n": 1, "f": f, "phi_y_deg": p, "phi_x_deg": p, "gamma_deg": g} for f, p, g in ((1.11, 3.3, 47.8), (1.107, 66, 86))
+)
 OTHER = ({"n": 1, "f": 4, "phi_y_deg": 20, "phi_x_deg": 35, "gamma_deg": 12},)
 
 
@@ -198,14 +202,14 @@ _SHAPES = {"section": "axis"}, {"section": "whole"}
 EQUATIONS = (
     equation(
         "beyond.least_storage", "beyond eq. 31", "Least S over all n', for any γ.", _least_storage,
-        tuple({**light, **shape} for light in LIGHTS + OTHER for shape in _SHAPES),
+        tuple({**light, **shape} for light in LIGHTS + OTHER + THIN for shape in _SHAPES),
         independent=_searched(lambda i, view, q: _brute.storage(view, q, i.text("section"))), tolerance=1e-8,
     ),
     equation(
         "beyond.least_of_both", "beyond eq. 42", "Least max(M_x, M_z) over all n', at given resolutions.",
         _least_of_two,
         tuple({**light, **shape, "ratio_x": x, "ratio_z": z}
-              for light, x, z in zip(LIGHTS + OTHER, (1, 9, 1, 0.2, 2, 1), (1, 1, 4, 1, 1, 0.4), strict=True)
+              for light, x, z in zip(LIGHTS + OTHER, (1, 9, 1, 0.2, 2, 1), (20, 1, 4, 30, 1, 0.4), strict=True)
               for shape in _SHAPES),
         independent=_searched(_two_errors), tolerance=1e-7,
     ),
@@ -230,7 +234,8 @@ EQUATIONS = (
     equation(
         "Eq32.eta", "eq. 32", "η of a near distance: −1 is the uniform map, 0 LiSPSM, 1 PSM.",
         lambda i: lispsm.eta_from_near_distance(frustum(i), number(i, "nprime")),
-        tuple({"n": n, "f": f, "nprime": q} for n, f, q in ((2, 70, 2), (2, 70, 6), (2, 70, 40), (0.3, 9, 1.1))),
+        tuple({"n": n, "f": f, "nprime": q}
+              for n, f, q in ((2, 70, 2), (2, 70, 6), (2, 70, 13), (2, 70, 40), (0.3, 9, 1.1))),
         independent=_eta_from_maxima, tolerance=1e-8,
     ),
     equation(
@@ -259,6 +264,7 @@ EQUATIONS = (
         "Eq55.clamped", "eq. 55", "Planes of the adaptive iteration with the clamp that keeps them in order.", _clamped,
         ({"n": 1, "f": 100, "gamma_deg": 27, "alphas": [2, 3, 4], "least_share": 0.25},
          {"n": 0.5, "f": 10, "gamma_deg": 9, "alphas": [2.2, 2.2, 3.9], "least_share": 0.6},
+         {"n": 1, "f": 10, "gamma_deg": 9, "alphas": [1.2, 1.2, 6.9], "least_share": 0.6},
          {"n": 1, "f": 30, "gamma_deg": 63, "alphas": [1.5, 1.5], "least_share": 0.0}),
         independent=_clamped_by_logs,
     ),

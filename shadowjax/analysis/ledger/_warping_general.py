@@ -12,6 +12,7 @@ from shadowjax.analysis.inputs import Inputs
 from shadowjax.analysis.ledger._warping_tools import (
     cut,
     derived_errors,
+    derived_max,
     equal_errors,
     equation,
     frustum,
@@ -24,12 +25,13 @@ from shadowjax.analysis.ledger._warping_tools import (
 from shadowjax.analysis.measure import frustum_corners, light_axes
 from shadowjax.warps import lispsm
 from shadowjax.warps.light_frustum import LightFrustum
-from shadowjax.warps.prediction import error_z
+from shadowjax.warps.prediction import error_x, error_z, max_error_x
 
 KINDS: tuple[tuple[str, lispsm.Fade], ...] = (("43", "sine"), ("44", "squared"))
 VIEW = {"n": 0.7, "f": 53, "phi_y_deg": 33}
 GAMMAS = (80, 50, 33, 20, 2)
 ANY = tuple({**VIEW, "gamma_deg": g, "nprime": 4, "z": z} for g, z in zip(GAMMAS, (0.7, 9, 53, 20, 5), strict=True))
+ANY = (*ANY, {**VIEW, "phi_x_deg": 41, "gamma_deg": 62, "nprime": 3, "z": 8, "res_ratio": 1.7})
 BELOW = tuple({**VIEW, "gamma_deg": g} for g in (33.5, 33, 20, 8, 0.5))
 
 
@@ -195,6 +197,17 @@ EQUATIONS: tuple[Equation, ...] = (
             "no sin γ: the beam's thickness is dz' = sin γ dz; only so does eq. 53 follow.",
             in_double(_literal), {**VIEW, "gamma_deg": 31, "nprime": 5, "z": 10},
         ),
+    ),
+    equation(
+        "beyond.mx_any", "beyond eq. 25", "m_x on the view axis for any γ, with the smallest P.",
+        lambda i: error_x(frustum(i), number(i, "nprime"), number(i, "z"), resolution_ratio=ratio(i)), ANY,
+        independent=lambda i: ratio(i) * derived_errors(frustum(i), i.number("nprime"), i.number("z"))[0][0],
+    ),
+    equation(
+        "beyond.Mx_any", "beyond eq. 28", "M_x on the view axis for any γ, at the far plane for small n'.",
+        lambda i: max_error_x(frustum(i), number(i, "nprime"), resolution_ratio=ratio(i)),
+        (*ANY, {**VIEW, "gamma_deg": 75, "nprime": 0.2}, {**VIEW, "gamma_deg": 30, "nprime": 0.05, "res_ratio": 3}),
+        independent=lambda i: ratio(i) * derived_max(frustum(i), i.number("nprime"))[0],
     ),
     equation(
         "Eq37.mz_dz", "eq. 37", "m_z as printed: dz/dt along the view axis over the pixel's width.", _literal, ANY,

@@ -323,7 +323,7 @@ EQUATIONS: tuple[Equation, ...] = (
     equation(
         "Eq33.nprime", "eq. 32–33", "n' of a position η between uniform (−1), LiSPSM (0) and PSM (1).",
         lambda i: lispsm.near_distance_from_eta(frustum(i), i.number("eta")),
-        tuple({"n": n, "f": f, "eta": e} for n, f in ((2, 70), (0.3, 9)) for e in (-0.8, -0.3, 0, 0.4, 1)),
+        tuple({"n": n, "f": f, "eta": e} for n, f in ((2, 70), (0.3, 9)) for e in (-0.8, -0.3, 0, 0.005, 0.4, 1)),
         independent=_invert_eta, tolerance=1e-7, verdict="erratum",
         correction=Correction(
             "n' = (n + √(fn))/(n + η√(fn)) for η ≥ 0",
