@@ -516,7 +516,7 @@ def run(
         and the functions that no row runs.
     """
     old = old or {"mutants": {}, "rows": {}, "unused": []}
-    patcher = Patcher((*modules, *LEDGER))
+    patcher = Patcher((*LIBRARY, *LEDGER))
     rows = trace(patcher, prefixes, say, kept)
     ran: set[str] = set().union(*(row.runs for row in rows))
     ledger = equations.ledger()
