@@ -1,6 +1,8 @@
 """Checks of what users give: ValueError for structure, eqx.error_if for values. Constructors and entry points only."""
 
 import os
+import sys
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +14,18 @@ import numpy as np
 from jax.core import Tracer
 
 from shadowjax._types import Array, floating_dtype
+
+
+class SceneWarning(UserWarning):
+    """Something makes a scene's shadows worthless, though every number is in range; the message says the remedy."""
+
+
+def warn(message: str) -> None:
+    """Say, at the line of the caller outside this package, what is wrong with a scene; only where values are known."""
+    level, frame, inside = 2, sys._getframe(1), os.path.dirname(__file__)
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(inside):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, SceneWarning, stacklevel=level - 1)
 
 
 def concrete(value: Any) -> np.ndarray | None:

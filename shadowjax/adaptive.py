@@ -22,8 +22,9 @@ from shadowjax.partitions.footprint import FOOTPRINTS
 from shadowjax.partitions.refinement import Wishes, wishes
 from shadowjax.partitions.tile_tree import MAX_LEVEL, place_of
 from shadowjax.partitions.whole import Whole
-from shadowjax.rays.caster import SURFACE_ROUNDINGS, Caster
+from shadowjax.rays.caster import Caster
 from shadowjax.rays.grid import Grid
+from shadowjax.rays.ray import surface_points
 from shadowjax.rays.ray_grid import RayGrid, camera_grid
 from shadowjax.technique_base import Shadows, Technique
 
@@ -320,7 +321,7 @@ def _seen(
     view = camera_grid(camera, width, height)
     hit = caster.closest_on_grid(mesh, view)
     rays = view.rays()
-    points = rays.at(jnp.where(hit.is_hit, hit.depth, jnp.zeros_like(hit.depth))).reshape(-1, 3)
+    points = surface_points(mesh, rays, hit).reshape(-1, 3)
     normals = mesh.face_normals()[jnp.maximum(hit.face, 0)]
     normals = jnp.where((dot(normals, rays.directions) > 0)[..., None], -normals, normals).reshape(-1, 3)
     square = grid.locate(points)[0] / grid.num_rows
@@ -347,8 +348,7 @@ def placed_on(
         normals: Their unit normals.
     """
     position, depth = map_.grid.locate(points)
-    rounding = SURFACE_ROUNDINGS * jnp.finfo(points.dtype).eps * map_.grid.far
-    return position / map_.tile_size, depth - rounding, bias.in_world(map_.grid, points, normals)
+    return position / map_.tile_size, depth - map_.grid.depth_rounding, bias.in_world(map_.grid, points, normals)
 
 
 def _fineness(map_: AdaptiveMap, bias: Bias, level: Int[Array, "*points"]) -> Float[Array, "*points"]:

@@ -3,10 +3,11 @@
 from typing import Annotated
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from shadowjax._checked import Checked, checked
-from shadowjax._checks import NOT_NEGATIVE, POSITIVE, UNIT_INTERVAL, require, require_int
+from shadowjax._checks import NOT_NEGATIVE, POSITIVE, UNIT_INTERVAL, concrete, require, require_int, warn
 from shadowjax._numerics import dot, map_in_chunks, normalize
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.camera import Camera
@@ -14,6 +15,7 @@ from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.smoothing import corner_normals
 from shadowjax.rays.caster import Caster
+from shadowjax.rays.ray import surface_points
 from shadowjax.rays.ray_grid import camera_grid
 from shadowjax.techniques import Shadows
 
@@ -108,8 +110,8 @@ def trace_surface(
     else:
         corners = corner_normals(mesh, smooth_groups)[index]
         shading = turned(normalize(jnp.sum(hit.barycentrics[..., None] * corners, axis=-2)))
-    depth = jnp.where(seen, hit.depth, jnp.zeros_like(hit.depth))
-    return Surface(rays.at(depth), geometric, shading, mesh.face_colors[index], to_camera, hit.depth, hit.face)
+    points = surface_points(mesh, rays, hit)
+    return Surface(points, geometric, shading, mesh.face_colors[index], to_camera, hit.depth, hit.face)
 
 
 @checked
@@ -155,8 +157,29 @@ def phong(
     return arriving * (surface.albedo * cosine[..., None] + highlight[..., None])
 
 
+UNLIT = (
+    "no surface that is seen faces the light, so all of it is dark and no number has a gradient: "
+    "DirectionalLight.create takes the direction in which light travels; give the direction to the sun as towards=, or "
+    "turn the receiver round"
+)
+
+
 @checked
+def warn_where_unlit(surface: Surface, light: Light) -> None:
+    """Warn (`SceneWarning`) where nothing that is seen can be lit; silent while values are traced."""
+    if all(concrete(leaf) is not None for leaf in jax.tree.leaves((surface, light))):
+        seen, faces = _seen_and_facing(surface, light)
+        if seen and not faces:
+            warn(UNLIT)
+
+
 @eqx.filter_jit
+def _seen_and_facing(surface: Surface, light: Light) -> tuple[Bool[Array, ""], Bool[Array, ""]]:
+    to_light, _ = light.to_light(surface.points)
+    return jnp.any(surface.is_seen), jnp.any(surface.is_seen & (dot(surface.normals, to_light) > 0))
+
+
+@checked
 def shade(
     surface: Surface,
     lights: tuple[Light, ...],
@@ -178,12 +201,27 @@ def shade(
 
     Raises:
         ValueError: If lights and visibilities do not match.
+
+    Warns:
+        SceneWarning: If no surface that is seen faces a light.
     """
     require(
         len(lights) == len(visibilities),
         f"shade needs one of visibilities for each of lights; got {len(visibilities)} for {len(lights)} lights",
     )
-    material = Material() if material is None else material
+    for light in lights:
+        warn_where_unlit(surface, light)
+    return _shaded(surface, lights, visibilities, Material() if material is None else material, samples_per_axis)
+
+
+@eqx.filter_jit
+def _shaded(
+    surface: Surface,
+    lights: tuple[Light, ...],
+    visibilities: tuple[Float[Array, "rows cols"], ...],
+    material: Material,
+    samples_per_axis: int,
+) -> Float[Array, "height width 3"]:
     dtype = surface.albedo.dtype
     # A sky-lit scene: upward normals see a cool sky, downward ones the warm ground.
     skyward = (0.5 + 0.5 * surface.shading_normals[..., 1])[..., None]

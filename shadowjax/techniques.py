@@ -36,7 +36,7 @@ from shadowjax.partitions.base import Partition
 from shadowjax.partitions.cube import Cube
 from shadowjax.partitions.whole import Whole
 from shadowjax.rays.brute import BruteForce
-from shadowjax.rays.caster import SURFACE_ROUNDINGS, Caster
+from shadowjax.rays.caster import Caster
 from shadowjax.rays.layers import LAYERS
 from shadowjax.rays.light_space import DirectionalSpace, LightSpace, light_space
 from shadowjax.rays.ray_grid import RayGrid, pixel_footprint
@@ -228,12 +228,11 @@ class MappedShadows(Shadows):
         forgiven = self.bias.forgive(grid, points, normals)
         position, depth = grid.locate(forgiven.points)
         # On top of the chosen bias, forgive what rounding does to two computations of one depth.
-        rounding = SURFACE_ROUNDINGS * jnp.finfo(points.dtype).eps * grid.far
         follows = forgiven.follows_plane or self.filter.follows_plane
         return Lookup(
             position,
             depth,
-            forgiven.depth + rounding,
+            forgiven.depth + grid.depth_rounding,
             texel_size(grid, points),
             shadow_map.border,
             None if self.view is None else pixel_footprint(self.view, grid, points, normals),

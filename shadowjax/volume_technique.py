@@ -20,7 +20,7 @@ from shadowjax._types import Array, ArrayLike, Float, Int, Points, Scalar, as_fl
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays.caster import SURFACE_ROUNDINGS
+from shadowjax.rays.caster import receiver_gap
 from shadowjax.rays.light_space import LightSpace, in_front, light_space
 from shadowjax.technique_base import Shadows, Technique
 from shadowjax.volumes.draw import count_image
@@ -29,6 +29,8 @@ from shadowjax.volumes.jitter import jittered
 from shadowjax.volumes.regions import Regions, boundary, count_regions
 from shadowjax.volumes.stencil import METHODS, Stencil, is_lit, method_regions, start_count
 
+# How far behind a face's plane its shadow begins, in roundings of the products that add up to its offset from the eye.
+FACE_ROUNDINGS = 16.0
 # Corners of a quad, and numbers of a homogeneous corner.
 QUAD_NUMBERS = 4 * 4
 
@@ -83,8 +85,8 @@ def _extruded(
 ) -> "VolumeShadows":
     mesh, light, camera = jax.lax.stop_gradient((mesh, light, camera))
     found = boundary(mesh.vertices, mesh.faces, edges, homogeneous_light(light), camera.position, technique.casters)
+    found = found.held_back(FACE_ROUNDINGS)
     lower, upper = mesh.bounds()
-    size = jnp.max(jnp.abs(jnp.stack([upper - lower, lower, upper, lower - camera.position, upper - camera.position])))
     return VolumeShadows(
         method_regions(found, technique.method),
         start_count(found, technique.method),
@@ -92,7 +94,6 @@ def _extruded(
         camera,
         light,
         light_space(light, camera.forward, lower, upper),
-        size,
         technique.stencil,
     )
 
@@ -107,7 +108,6 @@ class VolumeShadows(Shadows):
         camera: The eye, and the image that it sees.
         light: The light.
         space: Its rays.
-        size: Largest coordinate, world units: receivers keep some of its roundings away from their surface.
         stencil: Arithmetic of the counters.
     """
 
@@ -117,7 +117,6 @@ class VolumeShadows(Shadows):
     camera: Camera
     light: Light
     space: LightSpace
-    size: Scalar
     stencil: Stencil
 
     @eqx.filter_jit
@@ -129,8 +128,9 @@ class VolumeShadows(Shadows):
             normals: Unit normals of the side that is looked at: the count is taken a few roundings off the surface.
         """
         to_light, _ = self.light.to_light(points)
-        gap = SURFACE_ROUNDINGS * jnp.finfo(points.dtype).eps * self.size
-        seen = jax.lax.stop_gradient(points + gap * (normals + to_light) - self.camera.position)
+        offset = points - self.camera.position
+        gap = receiver_gap(points, normals) + receiver_gap(offset, normals)
+        seen = jax.lax.stop_gradient(offset + gap[..., None] * (normals + to_light))
 
         def count(regions: Regions) -> Int[Array, "*points"]:
             if points.ndim != 3:

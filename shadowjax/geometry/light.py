@@ -63,12 +63,33 @@ class DirectionalLight(Light):
     color: Vector3
 
     @classmethod
-    def create(cls, direction: ArrayLike, color: ArrayLike = 1.0, dtype: Any = None) -> "DirectionalLight":
-        """Light that travels along `direction` (any nonzero length).
+    def create(
+        cls,
+        direction: ArrayLike | None = None,
+        color: ArrayLike = 1.0,
+        dtype: Any = None,
+        *,
+        towards: ArrayLike | None = None,
+    ) -> "DirectionalLight":
+        """Light from infinity, by the direction in which it travels or by the direction to where it comes from.
+
+        Args:
+            direction: Along which the light travels, of any nonzero length.
+            color: Linear RGB irradiance on a surface that faces it; one number for grey.
+            dtype: Floating dtype; that of the direction if None.
+            towards: Towards the sun, in place of `direction`: the other habit.
 
         Raises:
-            ValueError: If the direction is zero or a number is not finite.
+            ValueError: If not exactly one direction is given, it is zero, or a number is not finite.
         """
+        if (direction is None) == (towards is None):
+            raise ValueError(
+                "give one of direction, in which the light travels, and towards, where it comes from; got "
+                + ("neither" if direction is None else "both")
+            )
+        if towards is not None:
+            return cls(-_direction(towards, "direction towards the light", dtype), _color(color, dtype))
+        assert direction is not None
         return cls(_direction(direction, "light direction", dtype), _color(color, dtype))
 
     def to_light(self, points: Points) -> tuple[Points, Float[Array, "*points"]]:

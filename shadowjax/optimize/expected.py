@@ -27,7 +27,7 @@ from shadowjax.geometry.transforms import any_perpendicular
 from shadowjax.maps.sampling import is_outside, texel_index
 from shadowjax.maps.shadow_map import ShadowMap
 from shadowjax.partitions.whole import Whole
-from shadowjax.rays.caster import SURFACE_ROUNDINGS, Caster
+from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import default_caster
 from shadowjax.rays.light_space import DirectionalSpace, LightSpace, light_space
 from shadowjax.rays.ray_grid import RayGrid
@@ -180,7 +180,7 @@ class ExpectedError(Checked):
         grid = self.grid(settings.bend)
         position, depth = grid.locate(self.points)
         forgiven = Bias(settings.bias, "slope").in_world(grid, self.points, self.normals)
-        level = depth - forgiven - SURFACE_ROUNDINGS * jnp.finfo(depth.dtype).eps * grid.far
+        level = depth - forgiven - grid.depth_rounding
         place = self.fractions[:, :, None] + settings.width * jnp.asarray(PATTERN, depth.dtype) - 0.5
         base = jnp.floor(jax.lax.stop_gradient(place))
         part = place - base

@@ -6,14 +6,17 @@ import jax.numpy as jnp
 from jax import lax
 
 from shadowjax._types import Array, Bool, Float, UInt
-from shadowjax.rays._grid_project import View, coordinates, view
+from shadowjax.rays._grid_project import View, coordinates, never, view
 from shadowjax.rays._grid_tiles import more
+from shadowjax.rays.caster import RECEIVER_ROUNDINGS
 from shadowjax.rays.light_space import LEAST_FORWARD, DirectionalSpace, LightSpace, PerspectiveSpace
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 
 # Points that are tested together, and the points that a cell holds on average.
 LANES, FILL = 16, 4
+# Points that speak for all of them: where they are, how near to the light.
+SAMPLES = 255
 # The most cells along a side.
 MOST_CELLS = 1024
 # Cells along the sides of a box, at most, for a triangle to be compared with all points in it at once.
@@ -29,21 +32,21 @@ def done(dtype: Any) -> Array:
 
 
 def project(
-    space: LightSpace, points: Float[Array, "given 3"], normals: Array | None, gap: Array, num_parts: int, multiple: int
-) -> tuple[Asked, Bool[Array, "parts points"]]:
-    """The rays of points: `shadow_limits`, without an array of three numbers a point on the way.
+    space: LightSpace, points: Float[Array, "given 3"], normals: Array | None, num_parts: int, multiple: int
+) -> tuple[Asked, Bool[Array, "parts points"], Float[Array, ""]]:
+    """The rays of points: `caster.shadow_rays` on the light's plane, without an array of three numbers a point.
 
     Args:
         space: All rays of one light, which map straight lines to straight lines.
         points: Where light may arrive.
         normals: Their unit normals; None for points that face the light.
-        gap: What a ray keeps from the surface that it ends on, see `surface_gap`.
         num_parts: Parts that the points are cut into.
         multiple: Points of a part are a multiple of it; those added block nothing and do not face the light.
 
     Returns:
         Place on the light's plane and key at which the ray ends, `done` where no triangle may block it: such points
-        face away or lie behind the light. And which face the light.
+        face away or lie behind the light. Which face the light. And the least distance of some points along the view of
+        the light: the `far` of a grid, which does not see what is nearer than a millionth of it.
     """
     parts = [points[:, axis] for axis in range(3)]
     if isinstance(space, DirectionalSpace):
@@ -58,19 +61,24 @@ def project(
         side = [normals[:, axis] for axis in range(3)]
     # Only the sign counts: a direction of any length will do.
     facing = towards[0] * side[0] + towards[1] * side[1] + towards[2] * side[2] > 0
+    off = [jnp.abs(part * raised) for part, raised in zip(parts, side, strict=True)]
+    gap = RECEIVER_ROUNDINGS * jnp.finfo(points.dtype).eps * (off[0] + off[1] + off[2])
     x, y, w = coordinates(space, [part + gap * raised for part, raised in zip(parts, side, strict=True)])
+    nearest = jnp.ones_like(w[0])
     if isinstance(space, DirectionalSpace):
-        u, v, limit = x, y, w - gap
-        counts = facing & (limit > 0)
+        u, v, limit, counts = x, y, w, facing
     else:
         # The sums once, not in each of what follows: it would keep other steps in memory.
         x, y, w, facing = lax.optimization_barrier((x, y, w, facing))
         away = jnp.sqrt(x * x + y * y + w * w)
         reached = w > LEAST_FORWARD * away
         safe = jnp.where(reached, w, jnp.ones_like(w))
-        u, v, limit = x / safe, y / safe, away - gap
-        counts = facing & reached & (limit > 0)
-        limit = -jnp.sqrt(1 + u * u + v * v) / jnp.where(counts, limit, jnp.ones_like(limit))
+        u, v, limit, counts = x / safe, y / safe, -1 / safe, facing & reached
+        some, known = (x[:: -(-x.size // SAMPLES)] for x in (w, counts))
+        farthest = jnp.max(jnp.where(known, some, jnp.zeros_like(some)))
+        nearest = jnp.min(jnp.where(known, some, jnp.full_like(some, jnp.finfo(w.dtype).max)))
+        # A point at the light itself must not make its plane so wide that products leave the range of numbers.
+        nearest = jnp.clip(nearest, 1e-6 * farthest, jnp.where(farthest > 0, farthest, 1.0))
     limit = jnp.where(counts, limit, done(limit.dtype))
     length = -(-max(u.size, 1) // (num_parts * multiple)) * multiple
 
@@ -79,7 +87,7 @@ def project(
 
     u, v, limit, facing = split(u, 0), split(v, 0), split(limit, done(limit.dtype)), split(facing, False)
     # One copy in memory: otherwise every loop that reads them computes the projection again.
-    return lax.optimization_barrier(((u, v, limit), facing))
+    return *lax.optimization_barrier(((u, v, limit), facing)), nearest
 
 
 def cell_counts(num_points: int) -> tuple[int, int]:
@@ -117,9 +125,14 @@ def cells_of(
 
 
 def touching(grid: RayGrid) -> View:
-    """A grid's view in which a triangle's box holds every cell that it touches, not only those with their centres."""
+    """A grid's view in which a triangle's box holds every cell that it touches, not only those with their centres.
+
+    Parallel rays have no start there: whatever lies on the way to the light blocks it.
+    """
     table = view(grid)
-    return table._replace(margin=table.margin + 0.5)
+    parallel = isinstance(grid.space, DirectionalSpace)
+    least = jnp.full_like(table.least, -never(table.least.dtype)) if parallel else table.least
+    return table._replace(margin=table.margin + 0.5, least=least)
 
 
 def widened(most: Float[Array, "rows cols"]) -> Float[Array, "rows cols"]:

@@ -8,6 +8,7 @@ from jax import lax
 from shadowjax._types import Array, Float, Int, Scalar, UInt
 from shadowjax.rays._grid_project import Vertices, View, never, project
 from shadowjax.rays.light_space import DirectionalSpace
+from shadowjax.rays.ray import TRIANGLE_ROUNDINGS
 from shadowjax.rays.ray_grid import RayGrid
 
 # Row of `General.numbers` with the least key of a triangle.
@@ -32,12 +33,25 @@ class General(NamedTuple):
 
 
 def generalise(
-    grid: RayGrid, table: View, world: Float[Array, "vertices 3"], vertices: Vertices, corners: UInt[Array, "n 3"]
+    grid: RayGrid,
+    table: View,
+    world: Float[Array, "vertices 3"],
+    vertices: Vertices,
+    corners: UInt[Array, "n 3"],
+    held_back: bool = False,
 ) -> General:
     """Set triangles up for the general test, with a box of cells that holds what of them the region shows.
 
     Corners in front are divided by w, exactly as in `place`, so that a neighbour there compares the same numbers.
     Corners behind stay homogeneous.
+
+    Args:
+        grid, table: The view.
+        world: Vertices of the mesh.
+        vertices: The same in the view.
+        corners: Indices of the triangles' corners.
+        held_back: Whether keys are farther by what rounding leaves unknown of them, so that a triangle blocks nothing
+            that may lie on it; see `key_rounding`. A plane that holds the source of the rays, to rounding, blocks none.
     """
     parallel = isinstance(grid.space, DirectionalSpace)
     x, y, w = project(grid, world[corners.T.reshape(-1)]).reshape(3, 3, -1)
@@ -54,7 +68,8 @@ def generalise(
     test_x, test_y, test_w = jnp.where(ahead, u, x), jnp.where(ahead, v, y), jnp.where(ahead, jnp.ones_like(w), w)
     if parallel:
         along_u, along_v = _slopes(x, y, key)
-        low, high, floor = jnp.min(key, axis=0), jnp.max(key, axis=0), jnp.zeros_like(key[0])
+        low, high = jnp.min(key, axis=0), jnp.max(key, axis=0)
+        floor = jnp.full_like(low, table.least)
     else:
         a, b = ([part[k] - part[0] for part in (x, y, w)] for k in (1, 2))
         normal = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
@@ -66,9 +81,41 @@ def generalise(
         low = jnp.where(in_front, jnp.min(key, axis=0), -1 / table.nearest)
         high = jnp.where(in_front, jnp.max(key, axis=0), 0.0)
         floor = jnp.full_like(low, -beyond)
+        if held_back:
+            parts = [jnp.abs(n * p[0]) for n, p in zip(normal, (x, y, w), strict=True)]
+            doubt = TRIANGLE_ROUNDINGS * jnp.finfo(x.dtype).eps * (parts[0] + parts[1] + parts[2])
+            known = jnp.maximum(1 - doubt / jnp.where(volume == 0, jnp.ones_like(volume), jnp.abs(volume)), 0)
+            known = jnp.where(volume == 0, jnp.zeros_like(known), known)
+            key, along_u, along_v, low, high = (known * part for part in (key, along_u, along_v, low, high))
+    if held_back:
+        # A corner behind the light is at no place.
+        places = jnp.where(ahead, jnp.abs(u) + jnp.abs(v), jnp.zeros_like(u))
+        reach = jnp.max(places, axis=0)
+        doubt = key_rounding(parallel, reach, key[0], key[0], along_u, along_v, high - low)
+        key, low, high = key + doubt, low + doubt, high + doubt
     numbers = [part[k] for k in range(3) for part in (test_x, test_y)]
     numbers += [test_w[1], test_w[2], key[0], along_u, along_v, low, high, floor]
     return General(jnp.stack(numbers), _clipped_box(grid, table, jnp.stack([x, y, w])))
+
+
+def key_rounding(
+    parallel: bool, reach: Array, low: Array, high: Array, along_u: Array, along_v: Array, span: Array
+) -> Array:
+    """What rounding leaves unknown of a triangle's key: as `ray.depth_rounding`, on the plane of a view.
+
+    Args:
+        parallel: Whether the key is depth, else −1/w.
+        reach: Plane coordinates of the corners, the sum of the largest.
+        low, high: Least and greatest key of the corners.
+        along_u, along_v: Slopes of the key.
+        span: How far keys of the triangle differ at most.
+    """
+    slope = jnp.abs(along_u) + jnp.abs(along_v)
+    size = jnp.abs(low) + jnp.abs(high)
+    # Places seen from a point are quotients, off by a rounding of the longest part of an offset over w.
+    reach = (TRIANGLE_ROUNDINGS * jnp.finfo(span.dtype).eps) * (reach + (size if parallel else 1))
+    sideways = reach * slope
+    return (reach if parallel else reach * size) + jnp.where(sideways < span, sideways, span)
 
 
 def _slopes(x: Corners, y: Corners, key: Corners) -> tuple[Array, Array]:

@@ -62,16 +62,16 @@ def search_pairs(
 
 
 def set_up_chunk(
-    grid: RayGrid, table: View, mesh: Mesh, vertices: Vertices, k: Array, size: int
+    grid: RayGrid, table: View, mesh: Mesh, vertices: Vertices, k: Array, size: int, held_back: bool = False
 ) -> tuple[Int[Array, ""], General, Bool[Array, "n"]]:
     """First triangle of the chunk number `k`, its triangles for the general test, and which have a cell.
 
-    The last chunk starts early: drawing a triangle twice changes nothing.
+    The last chunk starts early: drawing a triangle twice changes nothing. `held_back` as in `generalise`.
     """
     first = jnp.minimum(k * size, mesh.num_faces - size)
     corners = lax.bitcast_convert_type(mesh.faces.astype(jnp.int32), jnp.uint32)
     part = lax.dynamic_slice(corners, (first, jnp.int32(0)), (size, 3))
-    made = generalise(grid, table, mesh.vertices, vertices, part)
+    made = generalise(grid, table, mesh.vertices, vertices, part, held_back)
     first_row, last_row, first_col, last_col = made.cells
     return first, made, (first_row <= last_row) & (first_col <= last_col)
 

@@ -53,6 +53,7 @@ class View(NamedTuple):
         sides: Half-spaces of (x, y, w) that hold the grid's region, with w ≥ `nearest` as the last.
         corners: Plane positions of the region's corners, (4, 2).
         nearest: Smallest w that is divided by; 1 for parallel rays.
+        least: Smallest w that counts: where the rays start.
         margin: Rounding of a grid position, cells, along columns and rows.
     """
 
@@ -62,6 +63,7 @@ class View(NamedTuple):
     sides: Float[Array, "5 3"]
     corners: Float[Array, "4 2"]
     nearest: Scalar
+    least: Scalar
     margin: Float[Array, "2"]
 
 
@@ -98,7 +100,7 @@ def place(grid: RayGrid, table: View, vertices: Float[Array, "vertices 3"]) -> V
     x, y, w = projected
     beyond = never(x.dtype)
     if isinstance(grid.space, DirectionalSpace):
-        plane, ahead = projected, w >= 0
+        plane, ahead = projected, w >= table.least
     else:
         ahead = w >= table.nearest
         safe = jnp.where(ahead, w, jnp.ones_like(w))
@@ -173,7 +175,8 @@ def view(grid: RayGrid) -> View:
     margin = jnp.finfo(dtype).eps * grid.resolution * (16 + 16 * away)
     parallel = isinstance(grid.space, DirectionalSpace)
     nearest = jnp.ones((), dtype) if parallel else NEAREST * grid.far + jnp.finfo(dtype).tiny
-    return lax.stop_gradient(View(u, v, start, sides, corners, nearest, margin))
+    least = jnp.zeros((), dtype) if parallel else nearest
+    return lax.stop_gradient(View(u, v, start, sides, corners, nearest, least, margin))
 
 
 def depth_of_key(grid: RayGrid, table: View, key: Float[Array, "rows cols"]) -> Float[Array, "rows cols"]:

@@ -9,7 +9,7 @@ from jax import lax
 from shadowjax._checks import require
 from shadowjax._types import Array, Bool, Float, Int, UInt
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays._grid_general import generalise
+from shadowjax.rays._grid_general import generalise, key_rounding
 from shadowjax.rays._grid_project import FIRST_COL, FIRST_ROW, LAST_COL, LAST_ROW, Vertices, View, general_mark
 from shadowjax.rays._grid_store import Buffers, finish, merge, packs, start
 from shadowjax.rays.ray_grid import RayGrid
@@ -301,6 +301,14 @@ def set_up(plane: Float[Array, "3 vertices"], corners: UInt[Array, "faces 3"], f
     return [*x, *y, *bounds, base_x, base_y, base, along_u, along_v, less(less(key[0], key[1]), key[2])]
 
 
+def held_back(numbers: Sequence[Array], parallel: bool) -> list[Array]:
+    """As `set_up`, with keys farther by what rounding leaves unknown of them: see `generalise`."""
+    least_u, most_u, least_v, most_v, base_x, base_y, base, along_u, along_v, low = numbers[6:]
+    reach = jnp.abs(least_u) + jnp.abs(most_u) + jnp.abs(least_v) + jnp.abs(most_v)
+    doubt = key_rounding(parallel, reach, low, base, along_u, along_v, base - low)
+    return [*numbers[:10], base_x, base_y, base + doubt, along_u, along_v, low + doubt]
+
+
 def cover_test(numbers: Sequence[Array], u: Array, v: Array) -> tuple[Array, Array]:
     """As `cover`, from the numbers of `set_up`."""
     x, y = numbers[:3], numbers[3:6]
@@ -349,6 +357,7 @@ def in_groups(
     count: Index,
     draw: Callable,
     buffers: Any,
+    held_back: bool = False,
 ) -> Any:
     """Set listed triangles up for the general test, a group at a time, and draw each group.
 
@@ -359,6 +368,7 @@ def in_groups(
         count: How many.
         draw: Work (rows face, rows and columns of tiles), numbers, how many of them, buffers → buffers.
         buffers: What is drawn into.
+        held_back: As in `generalise`.
     """
     size = min(GROUP, rest.shape[0])
 
@@ -366,7 +376,7 @@ def in_groups(
         # The last group starts early rather than reading past the end; drawing a triangle twice changes nothing.
         first = less(g * size, jnp.uint32(rest.shape[0] - size))
         faces = lax.dynamic_slice(rest, (first,), (size,), allow_negative_indices=False)
-        made = generalise(grid, table, mesh.vertices, vertices, corners[faces])
+        made = generalise(grid, table, mesh.vertices, vertices, corners[faces], held_back)
         first_row, last_row, first_col, last_col = made.cells
         holds = (first_row <= last_row) & (first_col <= last_col) & (jnp.arange(size, dtype=jnp.uint32) < count - first)
         # Those without a cell go to the end of the list.

@@ -12,6 +12,7 @@ from shadowjax._types import Array, Bool, Float, Points, UInt
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays._grid_asked import (
     LANES,
+    SAMPLES,
     SPAN,
     Asked,
     box_around,
@@ -31,6 +32,7 @@ from shadowjax.rays._grid_tiles import (
     classify,
     cover_test,
     general_cover,
+    held_back,
     in_groups,
     less,
     more,
@@ -39,8 +41,7 @@ from shadowjax.rays._grid_tiles import (
     set_up,
 )
 from shadowjax.rays._grid_visible_pairs import blocked_by_pairs
-from shadowjax.rays.caster import surface_gap
-from shadowjax.rays.light_space import LightSpace
+from shadowjax.rays.light_space import DirectionalSpace, LightSpace
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -72,9 +73,7 @@ class Sorted(NamedTuple):
     limit: Float[Array, "room"]
 
 
-def lit(
-    mesh: Mesh, space: LightSpace, points: Points, normals: Points | None, far: Float[Array, ""]
-) -> Bool[Array, "*points"]:
+def lit(mesh: Mesh, space: LightSpace, points: Points, normals: Points | None) -> Bool[Array, "*points"]:
     """Whether each point faces the light and no triangle meets its ray before it.
 
     All rays belong to one light, so the points are sorted into the cells of a grid on its plane, and every triangle is
@@ -86,20 +85,21 @@ def lit(
         space: Rays of one light, which map straight lines to straight lines.
         points: Where light may arrive.
         normals: Their unit normals; None for points that face the light.
-        far: A depth beyond the scene.
 
     Source: alias-free shadow maps and the irregular z-buffer, as cited by mdsm.
     """
     shape = points.shape[:-1]
-    gap = surface_gap(mesh)
+    if isinstance(space, DirectionalSpace):
+        # Parallel rays may be counted from anywhere: amid the points, so that what is near them keeps its digits.
+        space = DirectionalSpace(_amid(points.reshape(-1, 3)), space.frame)
     size = max(POINTS, POINTS_PER_TRIANGLE * mesh.num_faces)
     # Loops over points and triangles are the fastest way on a processor, and hopeless on an accelerator.
     search = _blocked if jax.default_backend() == "cpu" else blocked_by_pairs
 
     def chunk(points: Array, normals: Array | None = None) -> Array:
         num_parts = max(-(-points.shape[0] // size), 1)
-        asked, facing = project(space, points, normals, gap, num_parts, SWEEP)
-        found = facing & ~search(mesh, space, asked, far)
+        asked, facing, nearest = project(space, points, normals, num_parts, SWEEP)
+        found = facing & ~search(mesh, space, asked, nearest)
         return found.reshape(-1)[: points.shape[0]]
 
     given = (points,) if normals is None else (points, normals)
@@ -107,8 +107,14 @@ def lit(
     return map_in_chunks(lambda x: chunk(*x), given, PARTS * size).reshape(shape)
 
 
+def _amid(points: Float[Array, "n 3"]) -> Float[Array, "3"]:
+    """A place amid points: the median of some along each axis."""
+    some = points[:: -(-points.shape[0] // SAMPLES)]
+    return jnp.sort(some, axis=0)[some.shape[0] // 2]
+
+
 def _blocked(mesh: Mesh, space: LightSpace, asked: Asked, far: Float[Array, ""]) -> Bool[Array, "parts points"]:
-    """Whether a triangle meets the ray of each point at its limit or before; never for points that do not count."""
+    """Whether a triangle meets the ray of each point before its limit; never for points that do not count."""
     num_parts, num_points = asked[2].shape
     shape = cell_counts(num_points)
 
@@ -132,13 +138,14 @@ def _drawn(mesh: Mesh, grid: RayGrid, lines: Sorted) -> Float[Array, "room"]:
     corners = lax.bitcast_convert_type(mesh.faces.astype(jnp.int32), jnp.uint32)
     num_faces = mesh.num_faces
     size = min(CHUNK, num_faces)
+    parallel = isinstance(grid.space, DirectionalSpace)
 
     def chunk(k: Index, state: tuple) -> tuple:
         limit, *lists, room = state
         first = k * size
         count = less(num_faces - first, jnp.uint32(size))
         work, present, rest, num_rest = classify(vertices.bounds, corners, (1, 1), first, count, *lists)
-        listed, made, num_listed = _prepared(vertices, corners, lines.reach, work, present, room)
+        listed, made, num_listed = _prepared(vertices, corners, parallel, lines.reach, work, present, room)
 
         def draw(w: Index, u: Array, v: Array) -> tuple[Array, Array]:
             return cover_test([number(made, w, k) for k in range(SET_UP)], u, v)
@@ -151,7 +158,9 @@ def _drawn(mesh: Mesh, grid: RayGrid, lines: Sorted) -> Float[Array, "room"]:
 
             return _walk(lines, test, work, present, limit)
 
-        limit = in_groups(grid, table, mesh, vertices, corners, (1, 1), rest, num_rest, draw_general, limit)
+        limit = in_groups(
+            grid, table, mesh, vertices, corners, (1, 1), rest, num_rest, draw_general, limit, held_back=True
+        )
         return limit, work, rest, (listed, made)
 
     empty = jnp.zeros((3, size), jnp.uint32)
@@ -247,6 +256,7 @@ def _marked(
 def _prepared(
     vertices: Vertices,
     corners: UInt[Array, "faces 3"],
+    parallel: bool,
     reach: Float[Array, "rows cols"],
     work: UInt[Array, "3 n"],
     present: Index,
@@ -258,6 +268,7 @@ def _prepared(
 
     Args:
         vertices, corners: All triangles.
+        parallel: Whether the rays are.
         reach: Greatest limit of the points in `SPAN` cells right and down from each cell.
         work: The list: face, first and last row, first and last column.
         present: How many are listed.
@@ -270,7 +281,7 @@ def _prepared(
     def step(w: Index, state: tuple) -> tuple:
         listed, made, end = state
         face, rows, cols = (number(work, k, w) for k in range(3))
-        numbers = set_up(vertices.plane, corners, face)
+        numbers = held_back(set_up(vertices.plane, corners, face), parallel)
         first_row, first_col = rows >> 16, cols >> 16
         longest = more((rows & HALF) - first_row, (cols & HALF) - first_col)
         shown = (longest >= SPAN) | (numbers[-1] <= number(reach, first_row, first_col))

@@ -18,7 +18,7 @@ RUNS = 1 << 15
 
 
 def blocked_by_pairs(mesh: Mesh, space: LightSpace, asked: Asked, far: Float[Array, ""]) -> Bool[Array, "parts points"]:
-    """Whether a triangle meets the ray of each point at its limit or before; never for points that do not count.
+    """Whether a triangle meets the ray of each point before its limit; never for points that do not count.
 
     As the loops of `_grid_visible`, without loops over points or triangles. Points are sorted by their cells into lines
     of `LANES`. Every triangle takes the general test, with the lines of the cells that its box touches. The runs of a
@@ -74,7 +74,7 @@ def _hits(
     num_runs = max(min(RUNS, (2**31 - 1) // num_lines), 1)
 
     def add_chunk(k: Array, hits: Array) -> Array:
-        _, made, holds = set_up_chunk(grid, table, mesh, vertices, k, size)
+        _, made, holds = set_up_chunk(grid, table, mesh, vertices, k, size, held_back=True)
         first_row, last_row, first_col, last_col = made.cells
         row, col = (jnp.where(holds, x, 0) for x in (first_row, first_col))
         # Behind all points around its box a triangle blocks none.

@@ -18,7 +18,7 @@ from shadowjax.rays._edge_pieces import Pieces, settle
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.coverage import CHUNK, default_room, edge_ends, pairs_of, rays_beside, segments_on, towards_source
 from shadowjax.rays.light_space import LightSpace, farthest, light_space
-from shadowjax.rays.ray import Hit, Rays
+from shadowjax.rays.ray import Hit, Rays, surface_points
 from shadowjax.rays.ray_grid import RayGrid
 
 # Pieces of a shadow's edge for each cell of the view, if the view shows just the scene.
@@ -112,7 +112,7 @@ def find_borders(
 
     def lit(hit: Hit, rays: Rays) -> Array:
         seen = hit.is_hit
-        points = rays.at(jnp.where(seen, hit.depth, jnp.zeros_like(hit.depth)))
+        points = surface_points(seen_mesh, rays, hit)
         normals = seen_mesh.face_normals()[jnp.where(seen, hit.face, 0)]
         normals = jnp.where((dot(normals, rays.directions) > 0)[..., None], -normals, normals)
         value = shadows.visible(mesh, space, *lax.optimization_barrier((points, normals)))

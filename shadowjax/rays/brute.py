@@ -6,10 +6,19 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from shadowjax._types import Array, Float, Int
+from shadowjax._types import Array, Bool, Float, Int
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.caster import Caster, search_in_chunks
-from shadowjax.rays.ray import MISS, Hit, Rays, corners_in_order, edge_test, intersect, orthonormal_frame
+from shadowjax.rays.ray import (
+    MISS,
+    Hit,
+    Rays,
+    corners_in_order,
+    depth_rounding,
+    edge_test,
+    intersect,
+    orthonormal_frame,
+)
 
 # Triangles tested per loop iteration: enough to hide the loop, few enough to compile quickly.
 UNROLL = 4
@@ -28,17 +37,25 @@ class BruteForce(Caster):
 
     def closest(self, mesh: Mesh, rays: Rays) -> Hit:
         """First hit of each ray; ties go to the lowest triangle index."""
-        fixed = jax.lax.stop_gradient(rays)
-        triangles = corners_in_order(jax.lax.stop_gradient(mesh.triangles()))
-        padding = -triangles.shape[0] % UNROLL
-        # Padding triangles have three equal corners, which the edge rule always misses.
-        triangles = jnp.concatenate([triangles, jnp.zeros((padding, 3, 3), triangles.dtype)])
-        return intersect(mesh, rays, search_in_chunks(partial(_search, triangles), fixed, self.ray_chunk))
+        search = partial(_search, _padded(mesh), False)
+        return intersect(mesh, rays, search_in_chunks(search, jax.lax.stop_gradient(rays), self.ray_chunk))
+
+    def blocked(self, mesh: Mesh, rays: Rays) -> Bool[Array, "*points"]:
+        """Whether a triangle lies on each ray, farther from both ends than its own rounding."""
+        search = partial(_search, _padded(mesh), True)
+        return search_in_chunks(search, jax.lax.stop_gradient(rays), self.ray_chunk) >= 0
+
+
+def _padded(mesh: Mesh) -> Float[Array, "faces 3 3"]:
+    """Triangles, and some with three equal corners, which the edge rule always misses, up to a multiple of `UNROLL`."""
+    triangles = corners_in_order(jax.lax.stop_gradient(mesh.triangles()))
+    padding = -triangles.shape[0] % UNROLL
+    return jnp.concatenate([triangles, jnp.zeros((padding, 3, 3), triangles.dtype)])
 
 
 @eqx.filter_jit
-def _search(triangles: Float[Array, "faces 3 3"], rays: Rays) -> Int[Array, "rays"]:
-    """Index of the nearest triangle of every ray of one chunk."""
+def _search(triangles: Float[Array, "faces 3 3"], between: bool, rays: Rays) -> Int[Array, "rays"]:
+    """Index of the nearest triangle of every ray of one chunk; or of any that lies `between` the ray's ends."""
     # Rays as rows of coordinates, triangles as scalars: each loop step is one fused pass over contiguous rays.
     origin, direction = rays.origins.T, rays.directions.T
     across, upward = (axis.T for axis in orthonormal_frame(rays.directions))
@@ -54,9 +71,13 @@ def _search(triangles: Float[Array, "faces 3 3"], rays: Rays) -> Int[Array, "ray
                 for coordinate, unit in ((x, across), (y, upward), (z, direction)):
                     coordinate.append(offset[0] * unit[0] + offset[1] * unit[1] + offset[2] * unit[2])
             inside, depth = edge_test(tuple(x), tuple(y), tuple(z))
-            # `>` on the current best keeps the lowest index among equals; NaN never compares true.
-            better = inside & (depth >= rays.t_min) & (nearest > depth)
-            nearest = jnp.where(better, depth, nearest)
+            if between:
+                doubt = depth_rounding(tuple(x), tuple(y), tuple(z))
+                better = inside & (depth - doubt > rays.t_min) & (depth + doubt < rays.t_max)
+            else:
+                # `>` on the current best keeps the lowest index among equals; NaN never compares true.
+                better = inside & (depth >= rays.t_min) & (nearest > depth)
+                nearest = jnp.where(better, depth, nearest)
             face = jnp.where(better, index, face)
         return nearest, face
 

@@ -12,12 +12,11 @@ from jax import lax
 from shadowjax._checked import Checked
 from shadowjax._checks import concrete, require, require_memory
 from shadowjax._numerics import one_by_one
-from shadowjax._types import Array, Bool, Float, Int, Points
+from shadowjax._types import Array, Bool, Float, Int
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays._tree_build import NUM_OCTANTS, Topology, build_topology
 from shadowjax.rays._tree_search import Fitted, Links, fit, search
-from shadowjax.rays.caster import Caster, search_in_chunks, shadow_rays
-from shadowjax.rays.light_space import LightSpace
+from shadowjax.rays.caster import Caster, search_in_chunks
 from shadowjax.rays.ray import Hit, Rays, intersect
 
 # Estimate of the peak memory of `build` for each triangle in 32 bits: its arrays added up, rounded upwards.
@@ -111,15 +110,12 @@ class BoundingVolumeHierarchy(Caster):
         """
         return intersect(mesh, rays, self._faces(mesh, rays, False))
 
-    def visible(
-        self, mesh: Mesh, space: LightSpace, points: Points, normals: Points | None = None
-    ) -> Bool[Array, "*points"]:
-        """Whether nothing lies between each point and the source of its ray, see `Caster.visible`.
+    def blocked(self, mesh: Mesh, rays: Rays) -> Bool[Array, "*points"]:
+        """Whether a triangle lies on each ray, farther from both ends than its own rounding.
 
         A ray stops at the first triangle that it meets, wherever that lies on the way.
         """
-        rays, facing = shadow_rays(mesh, space, points, normals)
-        return facing & (self._faces(mesh, rays, True) < 0)
+        return self._faces(mesh, rays, True) >= 0
 
     def _faces(self, mesh: Mesh, rays: Rays, any_hit: bool) -> Int[Array, "*points"]:
         mesh = lax.stop_gradient(mesh)

@@ -10,14 +10,15 @@ import jax.numpy as jnp
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require
 from shadowjax._numerics import dot, map_in_chunks
-from shadowjax._types import Array, Bool, Float, Int, Points, Scalar
+from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.light_space import LightSpace, is_reached
 from shadowjax.rays.ray import Hit, Rays
 from shadowjax.rays.ray_grid import RayGrid
 
-# How far a shadow ray keeps from the surface it ends on, in units of rounding of the scene's coordinates.
-SURFACE_ROUNDINGS = 64.0
+# How far a shadow ray starts above its receiver, in roundings of the receiver's place along its normal: a point that is
+# on its surface, as nearly as its numbers can tell, is off it by half a rounding of each.
+RECEIVER_ROUNDINGS = 8.0
 
 
 class Caster(Checked):
@@ -78,15 +79,23 @@ class Caster(Checked):
             space: The light space whose rays reach the points.
             points: World points, usually on surfaces of the mesh.
             normals: Unit normals of the side that is looked at. A side that faces away from the light is dark. Shadow
-                rays end a few roundings above the surface on that side. Without normals they end a few roundings
-                towards the light.
+                rays start a few roundings of the point above the surface on that side. Without normals they start a few
+                roundings towards the light.
 
         Returns:
             True where nothing blocks the ray. No ray arrives behind a spot light, so nothing blocks one there:
             `Light.covers` makes such points dark.
         """
-        rays, facing = shadow_rays(mesh, space, points, normals)
-        return facing & ~self.closest(mesh, rays).is_hit
+        rays, facing = shadow_rays(space, points, normals)
+        return facing & ~self.blocked(mesh, rays)
+
+    @abstractmethod
+    def blocked(self, mesh: Mesh, rays: Rays) -> Bool[Array, "*points"]:
+        """Whether a triangle lies on each ray, nearer to neither of its ends than the triangle's own rounding.
+
+        Rounding is that of the corners as seen from the ray's start (`ray.depth_rounding`), so the surface that a
+        shadow ray starts on, or that its lamp lies on, is not in its way.
+        """
 
 
 @checked
@@ -102,34 +111,36 @@ def checked_start(grid: RayGrid, start_depth: Float[Array, "..."]) -> Float[Arra
 
 
 @checked
-def surface_gap(mesh: Mesh) -> Scalar:
-    """How far a shadow test keeps from the surface that it starts on, world units: some roundings of positions."""
-    size = jnp.maximum(mesh.extent, jnp.max(jnp.abs(jnp.stack(mesh.bounds()))))
-    return SURFACE_ROUNDINGS * jnp.finfo(size.dtype).eps * size
+def receiver_gap(points: Points, side: Points) -> Float[Array, "*points"]:
+    """How far a shadow test starts above the surface that a point lies on, world units.
+
+    A few roundings of the point's own coordinates, as far as they move it off the surface: no more for a floor at
+    height 0 a thousand kilometres from the origin. Neither the scene's size nor its distance counts.
+
+    Args:
+        points: World points on surfaces.
+        side: Unit vectors along which they are raised: normals.
+    """
+    off = jnp.abs(points[..., 0] * side[..., 0])
+    for axis in (1, 2):
+        off = off + jnp.abs(points[..., axis] * side[..., axis])
+    return RECEIVER_ROUNDINGS * jnp.finfo(points.dtype).eps * off
 
 
 @checked
-def shadow_limits(
-    space: LightSpace, points: Points, normals: Points | None, gap: Scalar
-) -> tuple[Float[Array, "*points 2"], Float[Array, "*points"], Bool[Array, "*points"]]:
-    """Plane position of the ray that reaches each point, the depth up to which it must be free, and whether the point
-    faces the light; `gap` as `surface_gap` says."""
-    to_source = space.to_source(points)
+def shadow_rays(space: LightSpace, points: Points, normals: Points | None) -> tuple[Rays, Bool[Array, "*points"]]:
+    """Rays from a little above each point to its source that must be free for it to be lit, and whether it faces it.
+
+    They start at the point, not at the light: offsets of triangles from there keep the digits of what is near.
+    """
+    to_source, _ = space.way_to_source(points)
     side = to_source if normals is None else normals
-    plane, depth = space.project(points + gap * side)
+    start = points + receiver_gap(points, side)[..., None] * side
+    directions, distance = space.way_to_source(start)
+    plane, _ = space.project(points)
     # Nothing can meet a ray that ends before it starts.
-    limit = jnp.where(is_reached(space, plane), depth - gap, -jnp.ones_like(depth))
-    return plane, limit, dot(to_source, side) > 0
-
-
-@checked
-def shadow_rays(
-    mesh: Mesh, space: LightSpace, points: Points, normals: Points | None
-) -> tuple[Rays, Bool[Array, "*points"]]:
-    """The part of a light's ray that must be free for each point to be lit, and whether the point faces the light."""
-    plane, limit, facing = shadow_limits(space, points, normals, surface_gap(mesh))
-    origins, directions = space.ray(plane)
-    return Rays(origins, directions, jnp.zeros((), points.dtype), limit), facing
+    limit = jnp.where(is_reached(space, plane), distance, -jnp.ones_like(distance))
+    return Rays(start, directions, jnp.zeros((), points.dtype), limit), dot(to_source, side) > 0
 
 
 @checked

@@ -19,7 +19,7 @@ from shadowjax.rays._grid_visible import lit
 from shadowjax.rays.brute import BruteForce
 from shadowjax.rays.bvh import BoundingVolumeHierarchy
 from shadowjax.rays.caster import Caster, checked_start
-from shadowjax.rays.light_space import LightSpace, farthest
+from shadowjax.rays.light_space import LightSpace
 from shadowjax.rays.ray import MISS, Hit, Rays, faces_in_order, intersect
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -46,6 +46,10 @@ class Grid(Caster):
     def closest(self, mesh: Mesh, rays: Rays) -> Hit:
         """First hit of arbitrary rays, by `others`."""
         return self._others(mesh, math.prod(rays.shape)).closest(mesh, rays)
+
+    def blocked(self, mesh: Mesh, rays: Rays) -> Bool[Array, "*points"]:
+        """Whether a triangle lies on each of arbitrary rays, by `others`."""
+        return self._others(mesh, math.prod(rays.shape)).blocked(mesh, rays)
 
     def closest_on_grid(self, mesh: Mesh, grid: RayGrid) -> Hit:
         """First hit of every ray of a grid, shape (rows, cols); ties in depth go to the lowest triangle index.
@@ -191,4 +195,4 @@ def _dense(tangent: Any) -> Any:
 @one_by_one
 def _visible(mesh: Mesh, space: LightSpace, points: Points, normals: Points | None) -> Bool[Array, "*points"]:
     """Lit points, by the irregular depth buffer: all rays of a light share its plane, so none is traced."""
-    return lit(mesh, space, points, normals, farthest(space, *mesh.bounds()))
+    return lit(mesh, space, points, normals)

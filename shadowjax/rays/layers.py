@@ -7,7 +7,7 @@ from shadowjax._checked import checked
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Float
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays.caster import SURFACE_ROUNDINGS, Caster
+from shadowjax.rays.caster import Caster
 from shadowjax.rays.ray import Hit
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -29,8 +29,7 @@ def second_layer(caster: Caster, mesh: Mesh, grid: RayGrid, first_depth: Float[A
     Returns:
         The hit, with depth from the ray's start; a miss where nothing more follows.
     """
-    gap = SURFACE_ROUNDINGS * jnp.finfo(first_depth.dtype).eps * grid.far
-    start = jnp.minimum(jax.lax.stop_gradient(first_depth) + gap, grid.far)
+    start = jnp.minimum(jax.lax.stop_gradient(first_depth) + grid.depth_rounding, grid.far)
     return caster.closest_beyond_on_grid(mesh, grid, start)
 
 

@@ -11,6 +11,7 @@ from shadowjax._types import Array, Bool, Float, Points, Scalar, Vector3
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, Light, PointLight, SpotLight
 from shadowjax.geometry.transforms import Frame, any_perpendicular, light_frame, view_frame
+from shadowjax.rays.ray import far_away
 
 PlanePoints = Float[Array, "*points 2"]
 
@@ -39,10 +40,13 @@ class LightSpace(Checked):
         origins, directions = self.ray(plane)
         return origins + depth[..., None] * directions
 
+    @abstractmethod
+    def way_to_source(self, points: Points) -> tuple[Points, Float[Array, "*points"]]:
+        """Unit direction from each point to where its ray comes from, and how far that is; finite, also at infinity."""
+
     def to_source(self, points: Points) -> Points:
         """Unit direction from each point against the ray that reaches it: towards the light."""
-        plane, _ = self.project(points)
-        return -self.ray(plane)[1]
+        return self.way_to_source(points)[0]
 
 
 class DirectionalSpace(LightSpace):
@@ -66,6 +70,11 @@ class DirectionalSpace(LightSpace):
         x, y, z = self.frame
         origins = self.origin + plane[..., :1] * x + plane[..., 1:] * z
         return origins, jnp.broadcast_to(-y, origins.shape)
+
+    def way_to_source(self, points: Points) -> tuple[Points, Float[Array, "*points"]]:
+        """The way up, without end: what blocks parallel light need not lie behind any start of its rays."""
+        far = jnp.full(points.shape[:-1], far_away(points.dtype), points.dtype)
+        return jnp.broadcast_to(self.frame[1], points.shape), far
 
 
 class PerspectiveSpace(LightSpace):
@@ -95,9 +104,10 @@ class PerspectiveSpace(LightSpace):
         directions = normalize(plane[..., :1] * right + plane[..., 1:] * up + forward)
         return jnp.broadcast_to(self.position, directions.shape), directions
 
-    def to_source(self, points: Points) -> Points:
-        """Unit direction to the position."""
-        return normalize(self.position - points)
+    def way_to_source(self, points: Points) -> tuple[Points, Float[Array, "*points"]]:
+        """Towards the position, and the distance to it."""
+        offset = self.position - points
+        return normalize(offset), norm(offset)
 
 
 class OctahedralSpace(LightSpace):
@@ -129,9 +139,10 @@ class OctahedralSpace(LightSpace):
         directions = normalize(jnp.concatenate([sideways, height], axis=-1))
         return jnp.broadcast_to(self.position, directions.shape), directions
 
-    def to_source(self, points: Points) -> Points:
-        """Unit direction to the position."""
-        return normalize(self.position - points)
+    def way_to_source(self, points: Points) -> tuple[Points, Float[Array, "*points"]]:
+        """Towards the position, and the distance to it."""
+        offset = self.position - points
+        return normalize(offset), norm(offset)
 
 
 def _sign(value: Float[Array, "..."]) -> Float[Array, "..."]:

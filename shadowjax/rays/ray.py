@@ -16,6 +16,9 @@ from shadowjax.geometry.mesh import Mesh
 
 _Tree = TypeVar("_Tree")
 MISS = -1
+# What rounding leaves unknown of a triangle's depth on a ray, in roundings of all its corners' offsets from the ray's
+# start: an offset is off by half a rounding, its three products and their sums by three more.
+TRIANGLE_ROUNDINGS = 6.0
 
 # Distances along a ray.
 NotNegative = Annotated[ArrayLike, NOT_NEGATIVE]
@@ -202,6 +205,26 @@ def faces_in_order(mesh: Mesh) -> Int[Array, "faces 3"]:
     return jnp.stack([corner[-1] for corner in in_order(corners)], axis=-1)
 
 
+@checked
+def depth_rounding(
+    x: tuple[Array, Array, Array], y: tuple[Array, Array, Array], z: tuple[Array, Array, Array]
+) -> Float[Array, "..."]:
+    """How far rounding may put a triangle's depth on the ray at the origin of the (x, y) plane.
+
+    Corners are off by roundings of their offsets. Sideways these move the depth by the triangle's slope, but no farther
+    than the corners' depths differ, since it lies between them. Arguments as of `edge_test`.
+    """
+    first, second = ([part[k] - part[0] for part in (x, y, z)] for k in (1, 2))
+    across = [first[i] * second[j] - first[j] * second[i] for i, j in ((1, 2), (2, 0), (0, 1))]
+    along = jnp.abs(across[2])
+    slope = (jnp.abs(across[0]) + jnp.abs(across[1])) / jnp.where(along == 0, jnp.ones_like(along), along)
+    # The sum of offsets, which is cheaper than the longest.
+    reach = sum(jnp.abs(p) for part in (x, y, z) for p in part)
+    rounding = TRIANGLE_ROUNDINGS * jnp.finfo(along.dtype).eps * reach
+    sideways, span = rounding * slope, _greatest(*z) - _least(*z)
+    return rounding + jnp.where(sideways < span, sideways, span)
+
+
 def _least(a: Array, b: Array, c: Array) -> Array:
     return jnp.minimum(jnp.minimum(a, b), c)
 
@@ -316,6 +339,79 @@ def _slopes(corners: list[list[Array]]) -> list[list[Array]]:
 
 def _in_64_bits(numbers: _Tree) -> _Tree:
     return jax.tree.map(lambda x: lax.convert_element_type(x, jnp.float64), numbers)
+
+
+@checked
+def surface_points(mesh: Mesh, rays: Rays, hit: Hit) -> Points:
+    """Where rays meet a mesh, as nearly on the triangles' planes as numbers can tell; the rays' starts for a miss.
+
+    A distance along a ray is rounded by the ray's length, and puts a point off its surface by as much. From beside the
+    triangle, a step along the ray to its plane takes that away. The step is a rounding, so it has no derivative.
+    """
+    missed = hit.face < 0
+    points = rays.at(jnp.where(missed, jnp.zeros_like(hit.depth), hit.depth))
+    travelled = hit.depth + sum(jnp.abs(part) for part in _components(rays.origins))
+    return _stepped(points, *jax.lax.stop_gradient((mesh, rays.directions, hit.face, travelled)))
+
+
+@jax.custom_jvp
+def _stepped(
+    points: Points,
+    mesh: Mesh,
+    directions: Points,
+    face: Int[Array, "*points"],
+    travelled: Float[Array, "*points"],
+) -> Points:
+    """Points moved along directions to the planes of their triangles; those without a triangle stay.
+
+    In two halves of a loop, which reads points from memory: XLA would compute them once for the step and anew, in
+    another order of operations, for the sum; at the end of a long ray these are two points.
+    """
+    shape, num = points.shape, face.size
+    spare = num % 2
+
+    def halves(array: Array, *rest: int) -> Array:
+        flat = array.reshape(num, *rest)
+        return jnp.pad(flat, [(0, spare)] + [(0, 0)] * len(rest), mode="edge").reshape(2, -1, *rest)
+
+    first, second, third = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    normals = jnp.stack(_cross(_components(second - first), _components(third - first)), axis=-1)
+
+    def half(part: tuple[Array, ...]) -> Array:
+        points, directions, face, travelled = part
+        index = jnp.maximum(face, 0)
+        normal, corner = (
+            jnp.stack([x.at[index].get(mode="promise_in_bounds") for x in _components(table)], axis=-1)
+            for table in (normals, first)
+        )
+        step = _step_to_plane(normal, corner, points, directions, travelled)
+        return points + jnp.where(face < 0, jnp.zeros_like(step), step)[:, None] * directions
+
+    given = halves(points, 3), halves(directions, 3), halves(face), halves(travelled)
+    return jax.lax.map(half, given).reshape(-1, 3)[:num].reshape(shape)
+
+
+@_stepped.defjvp
+def _stepped_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Points, Points]:
+    return _stepped(*primals), tangents[0]
+
+
+def _step_to_plane(
+    normals: Points, corners: Points, points: Points, directions: Points, travelled: Float[Array, "*points"]
+) -> Float[Array, "*points"]:
+    """Distance along directions from points to planes; 0 where it is less known than the points are.
+
+    Points are off by roundings of `travelled`, steps by those of the three products that they are sums of: none for a
+    wide floor that lies level, however far its corner is.
+    """
+    normal, corner, at = _components(normals), _components(corners), _components(points)
+    products = [n * (p - q) for n, p, q in zip(normal, corner, at, strict=True)]
+    ahead = _inner(normal, _components(directions))
+    doubt = jnp.abs(products[0]) + jnp.abs(products[1]) + jnp.abs(products[2])
+    largest = jnp.abs(normal[0]) + jnp.abs(normal[1]) + jnp.abs(normal[2])
+    known = (ahead != 0) & (doubt <= travelled * largest)
+    total = products[0] + products[1] + products[2]
+    return jnp.where(known, total / jnp.where(known, ahead, jnp.ones_like(ahead)), jnp.zeros_like(total))
 
 
 def _components(vectors: Points) -> list[Array]:

@@ -15,6 +15,9 @@ from shadowjax.rays.light_space import LightSpace, camera_space
 from shadowjax.rays.plane_map import Box, PlaneMap
 from shadowjax.rays.ray import Rays
 
+# How far two computations of one depth differ at most, in roundings of the farthest depth.
+DEPTH_ROUNDINGS = 64.0
+
 
 class RayGrid(Checked):
     """One ray through the centre of every cell of a regular grid on the unit square.
@@ -41,6 +44,11 @@ class RayGrid(Checked):
     def resolution(self) -> Float[Array, "2"]:
         """(columns, rows) as numbers."""
         return jnp.asarray([self.num_cols, self.num_rows], self.far.dtype)
+
+    @property
+    def depth_rounding(self) -> Scalar:
+        """What rounding may make of the difference of two computations of one depth, world units."""
+        return DEPTH_ROUNDINGS * jnp.finfo(self.far.dtype).eps * self.far
 
     def centres(self) -> Float[Array, "rows cols 2"]:
         """(s, t) of every cell's centre, (i + ½)/resolution."""

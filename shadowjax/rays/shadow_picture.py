@@ -1,12 +1,14 @@
 """Anti-aliased exact visibility of what a view sees: a shadow picture that has a gradient in everything that moves."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jax import lax
 
 from shadowjax._checked import Checked, checked
-from shadowjax._numerics import norm
-from shadowjax._types import Array, Float, Vector2, Vector3
+from shadowjax._checks import concrete, warn
+from shadowjax._numerics import dot, norm
+from shadowjax._types import Array, Bool, Float, Vector2, Vector3
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.outlines import MeshEdges, mesh_edges
@@ -100,11 +102,30 @@ def shadow_picture(
     Raises:
         ValueError: If the view bends lines, or the light is of an unknown kind.
         RuntimeError: If there are more pairs or pieces than there is room for.
+
+    Warns:
+        SceneWarning: If no triangle shows view and light the same side.
     """
     caster = BruteForce() if caster is None else caster
     shown = None if receiver is None else (receiver.mesh, receiver.edges)
+    seen = mesh if receiver is None else receiver.mesh
+    known = all(concrete(leaf) is not None for leaf in jax.tree.leaves((mesh, seen, light, view)))
+    if known and not _faces_light(mesh, seen, light, view):
+        warn(
+            "no surface that the view may see faces the light, so all of it is dark and no number has a gradient: "
+            "turn the receiver round, or give the direction to the sun as DirectionalLight.create(towards=…)"
+        )
     borders = find_borders(*lax.stop_gradient((mesh, edges, light, view, caster, shown)), max_pairs)
     return _drawn(mesh, edges, light, view, shown, borders)
+
+
+@eqx.filter_jit
+def _faces_light(mesh: Mesh, seen: Mesh, light: Light, view: RayGrid) -> Bool[Array, ""]:
+    """Whether some triangle has view and light on the same side."""
+    middles, normals = jnp.mean(seen.triangles(), axis=1), seen.face_normals()
+    spaces = view.space, space_of(light, mesh, seen)
+    sides = [dot(normals, space.to_source(middles)) for space in spaces]
+    return jnp.any(sides[0] * sides[1] > 0)
 
 
 @eqx.filter_jit

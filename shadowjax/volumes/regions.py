@@ -8,6 +8,7 @@ Planes are tested as ≥ 0 or its negation, never as > 0 against < 0, and two wa
 point on their common border lies in exactly one of the two. Vertices may be integers; then nothing is rounded.
 """
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Num
@@ -66,6 +67,21 @@ class Boundary(Checked):
     walls: Num[Array, "edges 4"]
     faces: Int[Array, "faces 3"]
     caps: Num[Array, "faces 4"]
+
+    def held_back(self, roundings: float) -> "Boundary":
+        """The same with the faces' planes farther from the eye by so many roundings of their offsets.
+
+        A face then throws no shadow on what may lie on it. The offset is taken at the corner that leaves the least to
+        rounding: from a wide floor that lies level nothing is lost.
+        """
+        normal = self.caps[:, :3]
+        parts = normal[:, None] * self.corners[self.faces]
+        size = jnp.sum(jnp.abs(parts), axis=-1)
+        best = jnp.argmin(size, axis=1)[:, None]
+        offset = -jnp.take_along_axis(jnp.sum(parts, axis=-1), best, axis=1)
+        doubt = roundings * jnp.finfo(normal.dtype).eps * jnp.take_along_axis(size, best, axis=1)
+        offset = jnp.where(offset >= 0, offset + doubt, offset - doubt)
+        return eqx.tree_at(lambda b: b.caps, self, jnp.concatenate([normal, offset], axis=1))
 
     def wall_regions(self, beyond: bool) -> Regions:
         """Regions of points whose segment from the eye crosses a wall; with `beyond`, whose ray does so behind them.
@@ -145,8 +161,9 @@ def boundary(
         light[3] != 0,
         seen,
         away,
-        lines=cross(seen, away),
-        # From differences: the product of two nearly parallel vectors would lose the short edge between them.
+        # From differences: the product of two nearly parallel vectors would lose what is short between them, here the
+        # light as the eye sees it (away = w·seen + that), there the edge.
+        lines=cross(seen, jnp.broadcast_to(at_infinity(eye, light), seen.shape)),
         fronts=cross(seen[first], step),
         walls=_plane(cross(away[first], step), seen[first]),
         faces=faces,

@@ -9,8 +9,9 @@ from grids import COLS, NUM_FACES, NUM_VERTICES, ROWS, jitted_rays, views
 from shapes import bumpy_sphere, random_soup
 
 from shadowjax import Mesh, Rays
+from shadowjax._types import Array, Bool
 from shadowjax.rays._grid_pairs import search_pairs
-from shadowjax.rays.caster import SURFACE_ROUNDINGS, Caster
+from shadowjax.rays.caster import Caster
 from shadowjax.rays.grid import Grid
 from shadowjax.rays.layers import second_layer
 from shadowjax.rays.light_space import OctahedralSpace
@@ -27,6 +28,10 @@ class NoRays(Caster):
         del mesh, rays
         pytest.fail("a ray was traced")
 
+    def blocked(self, mesh: Mesh, rays: Rays) -> Bool[Array, "*points"]:
+        del mesh, rays
+        pytest.fail("a ray was traced")
+
 
 class Starts(Caster):
     """Answers with the depths that rays start from."""
@@ -34,6 +39,10 @@ class Starts(Caster):
     def closest(self, mesh: Mesh, rays: Rays) -> Hit:
         del mesh
         return Hit(rays.t_min, jnp.zeros(rays.shape, jnp.int32), jnp.zeros_like(rays.origins))
+
+    def blocked(self, mesh: Mesh, rays: Rays) -> Bool[Array, "*points"]:
+        del mesh
+        return jnp.zeros(rays.shape, bool)
 
 
 peel = eqx.filter_jit(lambda mesh, grid, depth: second_layer(Grid(NoRays()), mesh, grid, depth))
@@ -80,7 +89,7 @@ MESHES = {"soup twice": soup_twice, "closed body": closed_body, "sheets": sheets
 
 def gap(grid: RayGrid) -> float:
     """How far behind a hit the next layer begins, world units."""
-    return SURFACE_ROUNDINGS * float(jnp.finfo(grid.far.dtype).eps * grid.far)
+    return float(grid.depth_rounding)
 
 
 def all_hits(mesh: Mesh, grid: RayGrid) -> tuple[np.ndarray, np.ndarray]:
