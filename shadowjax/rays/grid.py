@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
+from shadowjax._checked import checked
 from shadowjax._numerics import one_by_one
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.mesh import Mesh
@@ -115,6 +116,7 @@ class Grid(Caster):
         return BoundingVolumeHierarchy() if tree_is_faster(mesh.num_faces, num_rays) else BruteForce()
 
 
+@checked
 def tree_is_faster(num_faces: int, num_rays: int | None) -> bool:
     """Whether building a tree and walking it takes less time than brute force; for any number of rays if None."""
     if num_rays is None:

@@ -173,7 +173,7 @@ def edge_test(x: tuple[Array, Array, Array], y: tuple[Array, Array, Array], z: t
     return EdgeTest((all_left ^ all_right) & spans, jnp.clip(depth, low, high))
 
 
-def in_order(corners: Sequence[tuple[Array, ...]]) -> list[tuple[Array, ...]]:
+def _in_order(corners: Sequence[tuple[Array, ...]]) -> list[tuple[Array, ...]]:
     """The three corners of each triangle in an order that their positions alone decide.
 
     Sums of three numbers round by their order. Copies of a triangle, whatever corner they begin with and whichever way
@@ -192,17 +192,19 @@ def in_order(corners: Sequence[tuple[Array, ...]]) -> list[tuple[Array, ...]]:
     return sides
 
 
+@checked
 def corners_in_order(triangles: Float[Array, "faces 3 3"]) -> Float[Array, "faces 3 3"]:
-    """The corners of each triangle `in_order`."""
+    """The corners of each triangle in the order of their positions."""
     corners = [tuple(triangles[:, k, axis] for axis in range(3)) for k in range(3)]
-    return jnp.stack([jnp.stack(corner, axis=-1) for corner in in_order(corners)], axis=1)
+    return jnp.stack([jnp.stack(corner, axis=-1) for corner in _in_order(corners)], axis=1)
 
 
+@checked
 def faces_in_order(mesh: Mesh) -> Int[Array, "faces 3"]:
-    """Corners of each triangle of a mesh `in_order`, as indices."""
+    """Corners of each triangle of a mesh in the order of their positions, as indices."""
     indices = [mesh.faces[:, k] for k in range(3)]
     corners = [(*(mesh.vertices[:, axis][index] for axis in range(3)), index) for index in indices]
-    return jnp.stack([corner[-1] for corner in in_order(corners)], axis=-1)
+    return jnp.stack([corner[-1] for corner in _in_order(corners)], axis=-1)
 
 
 @checked
