@@ -81,9 +81,10 @@ class Mesh(Checked):
             colors.shape in ((), (3,), (num_faces, 3)),
             f"face_colors must have shape ({num_faces}, 3), or (3,) for all faces; got {colors.shape}",
         )
-        if concrete(colors) is not None:
-            limit = 1 + 4 * jnp.finfo(colors.dtype).eps
-            holds = (colors >= 0) & (colors <= limit) | ~jnp.isfinite(colors)
+        known = concrete(colors)
+        if known is not None:
+            # By NumPy: operations of JAX on their own would take longer than all the rest. NaN is found below.
+            holds = ~((known < 0) | (known > 1 + 4 * jnp.finfo(colors.dtype).eps))
             colors = require_value(colors, holds, "face_colors, linear albedo, must lie in [0, 1] (not 0 … 255)")
         colors = jnp.broadcast_to(colors, (num_faces, 3))
         return cls(vertices, jnp.asarray(indices, jnp.int32), require_finite(colors, "face_colors"), origin)
