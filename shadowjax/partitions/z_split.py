@@ -65,7 +65,8 @@ class ZSplit(Partition):
             slice's range of ln z, in [0, 1]; with a width, points are chosen by depth.
         choose: "map" or "depth", as above.
         cuts: The k + 1 planes themselves, world units; they replace the rule.
-        num_rows: Rows of the depth buffer that the rules of seen depths look at.
+        num_rows: Rows of the depth buffer that the rules of seen depths look at. What lies between its rows, as a floor
+            near the horizon may, and deeper than 1.05 times all that it sees, is in no slice and lit.
         caster: Traces that buffer.
         distance: The shadow distance, world units: slices end there, and everything deeper is lit. None for the
             camera's far plane. A map that does not follow what is seen (`StableFit`) spends its texels on all of it.

@@ -217,6 +217,8 @@ def test_every_warp_under_slices(warp, light):
 def test_every_registered_partition(name, light):
     """Those with slices fall with their number too; the others move edges by a texel."""
     partition = PARTITIONS[name]()
+    if name == "z-seen":  # rows fine enough to see the floor at 70 m, a hundredth of a radian below the horizon
+        partition = dataclasses.replace(partition, num_rows=512)
     if name == "cube" and light != "spot":
         assert len(place(partition, CAMERA, LIGHTS[light], 64)[1]) == 1  # parallel rays need one face
         return
