@@ -236,7 +236,8 @@ def read_dae(data: bytes, place: Place) -> Reading:
     Raises:
         ValueError: If a face is concave, which the reader would cut wrong.
     """
-    import collada  # pyright: ignore[reportMissingImports]
+    import collada.common  # pyright: ignore[reportMissingImports]
+    import collada.polylist  # pyright: ignore[reportMissingImports]
     from trimesh.exchange.dae import load_collada
 
     require_text_size(data, lines=False)
