@@ -24,7 +24,7 @@ from shadowjax.rays._grid_project import NEAREST
 from shadowjax.rays.bvh import BoundingVolumeHierarchy
 from shadowjax.rays.caster import shadow_rays
 from shadowjax.rays.grid import Grid
-from shadowjax.rays.light_space import DirectionalSpace, PerspectiveSpace, farthest, in_front
+from shadowjax.rays.light_space import DirectionalSpace, PerspectiveSpace, farthest
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -172,14 +172,14 @@ def is_inside(corners: np.ndarray, origin: np.ndarray, direction: np.ndarray) ->
     return ~outside & (np.abs(sign.sum(axis=1)) == 3)
 
 
-def verdict(corners, origin, direction, limit: float, unit: float, start: float) -> bool | None:
+def verdict(corners, origin, direction, limit: float, unit: float, unseen: float) -> bool | None:
     """Whether a triangle lies on the ray before its limit, in 64 bits; None where roundings of size `unit` decide, or
-    the depth `start` before which a spot light sees nothing."""
+    the distance `unseen` from a spot light within which it sees nothing."""
     depth, rounding = plane_depth(corners, origin, direction, unit)
     inside = is_inside(corners, origin, direction)
     close = edge_distance(corners, origin, direction) <= 16 * unit
     at_end = inside & (np.minimum(np.abs(depth), np.abs(depth - limit)) <= rounding)
-    at_end |= inside & (depth > 0) & (depth < start)
+    at_end |= inside & (depth > limit - unseen) & (depth < limit)
     if np.any(inside & ~close & ~at_end & (depth > 0) & (depth < limit)):
         return True
     return None if np.any(close | at_end) else False
@@ -259,14 +259,13 @@ def test_the_grid_caster_is_brute_force_and_its_shadows_are_true(
     unit = float(jnp.finfo(dtype).eps) * max(10.0, float(np.abs(corners).max()))
     flat_found, flat_expected = (jax.tree.map(np.ravel, hit) for hit in (found, expected))
     assert_explained(flat_found, flat_expected, corners, grid.rays(), unit, float(grid.far))
-    rays, facing = shadow_rays(mesh, grid.space, image, None)
+    rays, facing = shadow_rays(grid.space, image, None)
     flat = rays.flattened()
     origins, directions, limits = (np.asarray(a, float) for a in (flat.origins, flat.directions, flat.t_max))
     reach = float(farthest(grid.space, *mesh.bounds()))
-    # No ray of a light reaches a point behind it.
-    asked = np.asarray(facing & in_front(grid.space, image)).reshape(-1) & (limits > 0)
+    asked = np.asarray(facing).reshape(-1) & (limits > 0)
     answers = np.stack([np.ravel(lit), np.ravel(brute_lit)], axis=1)
     for index in np.flatnonzero(asked):
-        start = 0 if parallel else 1.01 * NEAREST * reach / (directions[index] @ frame[2])
-        blocked = verdict(corners.astype(float), origins[index], directions[index], limits[index], unit, start)
+        unseen = 0 if parallel else -1.01 * NEAREST * reach / (directions[index] @ frame[2])
+        blocked = verdict(corners.astype(float), origins[index], directions[index], limits[index], unit, unseen)
         assert blocked is None or np.all(answers[index] != blocked), (index, blocked, answers[index])

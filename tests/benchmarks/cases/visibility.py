@@ -38,7 +38,7 @@ def _measure(session: Session, size: str) -> None:
         placed = *other.placed(arguments[:2]), *other.dealt(arguments[2:])
         calls[other.name], entry, answer = compiled(other.visible, *placed, options=other.compiler_options)
         beside[other.name] = entry | {"visibility_differs_percent": float(100 * np.mean(np.asarray(answer) != mine))}
-    rays, facing = shadow_rays(*arguments)
+    rays, facing = shadow_rays(*arguments[1:])
     rays, facing = rays.flattened(), np.asarray(facing)
     segments = Segments(*(np.array(x, np.float32) for x in (rays.origins, rays.directions, rays.t_max)))
     for peer in (peer for peer in session.peers if peer.can_test_segments):
