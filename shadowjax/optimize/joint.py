@@ -24,6 +24,7 @@ JOINT_WARPS = ("free", *WARPS)
 RANDOM_STARTS = 16
 NEARLY = 1e-3  # slack of a constraint, in ln, below which it may turn out to be active
 HELD = 1e-7  # largest excess of a constraint, in ln, that counts as kept
+LEAST_BEND = 1e-12  # of a uniform map
 STEPS = 12  # of Newton's method, which takes two or three
 
 
@@ -364,7 +365,7 @@ def _solve(start: np.ndarray, bend: np.ndarray | None, *args: Any) -> tuple[np.n
     v = np.concatenate([start, np.clip(bend, 1e-9, 1 - 1e-9), level])
     span = float(np.log(float(view.far / view.near)))
     sums = np.concatenate([np.ones(k), np.zeros(len(v) - k)])
-    bounds = [(1e-3 * span / k, span)] * k + [(1e-12, 1 - 1e-9)] * k + [(-60.0, 60.0)] * len(level)
+    bounds = [(1e-3 * span / k, span)] * k + [(LEAST_BEND, 1 - 1e-9)] * k + [(-60.0, 60.0)] * len(level)
     found: Any = minimize(
         lambda x: (_at(x, args)[0][0], _at(x, args)[1][0]), v, jac=True, method="SLSQP", bounds=bounds,
         constraints=[
@@ -401,6 +402,8 @@ def _settled(v: np.ndarray, *args: Any) -> _Point:
     num, k = len(v), kind.k
     fixed = np.zeros(num, bool)
     bends = slice(k, 2 * k)
+    # A uniform map is at the bound itself, not somewhere within the search's rounding of it.
+    v[bends] = np.where(v[bends] < 1e-6, LEAST_BEND, v[bends])
     fixed[bends] = (v[bends] < 1e-6) | (v[bends] > 1 - 1e-8) | (kind.warp != "free")
     trial = _balanced(v, fixed, NEARLY, args)
     z = np.concatenate([trial.v, trial.forces])
