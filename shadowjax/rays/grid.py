@@ -80,7 +80,8 @@ class Grid(Caster):
         """Depth alone, the fastest answer; its gradient is that of `closest_on_grid`.
 
         Depth comes from the triangle's plane as it is drawn, and agrees with `closest_on_grid` to a few roundings of
-        positions, each divided by the cosine between ray and normal: take its depth where rays graze triangles.
+        positions, each divided by the cosine between ray and normal, and, in a thin triangle, multiplied by length over
+        width. Take the depth of `closest_on_grid` where rays graze triangles or triangles are needles.
         """
         if not is_projective(grid.space):
             return self._others(mesh, grid.num_rows * grid.num_cols).closest_on_grid(mesh, grid).depth

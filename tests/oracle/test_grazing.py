@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from shadowjax import DirectionalLight, Mesh, Rays, SpotLight, intersect
+from shadowjax import DirectionalLight, Hit, Mesh, Rays, SpotLight, intersect
 from shadowjax.rays.casters import CASTERS, make_caster
 from shadowjax.rays.light_space import farthest, light_space
 from shadowjax.rays.plane_map import Box
@@ -18,6 +18,7 @@ from shadowjax.rays.ray_grid import RayGrid
 SIDE, SHARE = 256, 16
 cast_rays = eqx.filter_jit(lambda caster, mesh, rays: caster.closest(mesh, rays))
 cast_grid = eqx.filter_jit(lambda caster, mesh, grid: caster.closest_on_grid(mesh, grid))
+drawn = eqx.filter_jit(lambda caster, mesh, grid: caster.depth_on_grid(mesh, grid))
 
 
 def on_planes(corners: np.ndarray, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -96,7 +97,10 @@ def view(mesh: Mesh, kind: str, elevation: float) -> RayGrid:
 
 @pytest.mark.parametrize("kind", ["directional", "spot"])
 def test_faces_of_a_machined_part_under_a_low_light(kind):
-    """Every caster has the depth of the plane of its triangle, and Embree's where the triangle is the same one."""
+    """Every caster has the depth of the plane of its triangle, and Embree's where the triangle is the same one.
+
+    So has the grid where it draws depth itself, though it knows the triangles' planes in 32 bits alone.
+    """
     mesh = machined()
     corners, extent = np.asarray(mesh.triangles(), float), float(mesh.extent)
     body = trimesh.Trimesh(np.asarray(mesh.vertices, float), np.asarray(mesh.faces), process=False)
@@ -106,6 +110,7 @@ def test_faces_of_a_machined_part_under_a_low_light(kind):
     some = Rays(rays.origins[::SHARE], rays.directions[::SHARE], rays.t_min[::SHARE], rays.t_max[::SHARE])
     found = {name: (cast_rays(make_caster(name), mesh, some), some) for name in CASTERS}
     found["map"] = hit, rays
+    found["drawn map"] = Hit(drawn(make_caster("grid"), mesh, grid), hit.face, hit.barycentrics), rays
     for name, (hits, given) in found.items():
         face, depth = np.asarray(hits.face).reshape(-1), np.asarray(hits.depth, float).reshape(-1)
         origins, directions = (np.asarray(x, float).reshape(-1, 3) for x in (given.origins, given.directions))
