@@ -97,7 +97,7 @@ def scatter(part: Part, matrices: np.ndarray, offsets: np.ndarray, colors: np.nd
 
 
 @checked
-def rotation(axis: Vector, angle: float | np.ndarray) -> np.ndarray:
+def rotation(axis: Vector, angle: np.ndarray | float) -> np.ndarray:
     """(..., 3, 3) rotation matrices about axes (..., 3) by angles in radians (Rodrigues)."""
     vector = np.asarray(axis, float)
     unit = vector / np.linalg.norm(vector, axis=-1, keepdims=True)

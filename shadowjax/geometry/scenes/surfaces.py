@@ -34,7 +34,7 @@ def sweep(
     path: np.ndarray,
     side: Vector,
     loop: bool = False,
-    scale: float | np.ndarray = 1.0,
+    scale: np.ndarray | float = 1.0,
 ) -> Part:
     """Closed body that a section leaves along a path.
 
