@@ -1,5 +1,6 @@
 """Settings of every test: float64 at hand, strict promotion, NaN debugging, checked annotations, one cache."""
 
+import gc
 import os
 from pathlib import Path
 
@@ -41,6 +42,25 @@ def pytest_collection_modifyitems(config, items):
 
 # One relative rounding budget per dtype; tests scale it by what they compute, never by what they observe.
 ROUNDING = {jnp.float32: 2e-6, jnp.float64: 1e-13}
+
+
+# Every compiled program holds memory maps, of which Linux gives a process 65 530; beyond that, XLA crashes.
+MOST_MAPS = 20_000
+
+
+def num_maps():
+    """Memory maps of this process, where the system tells."""
+    maps = Path("/proc/self/maps")
+    return len(maps.read_bytes().splitlines()) if maps.exists() else 0
+
+
+@pytest.fixture(autouse=True, scope="module")
+def forgotten_programs():
+    """After a file of tests that leaves a process with many programs, JAX lets go of them."""
+    yield
+    if num_maps() > MOST_MAPS:
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture(params=[jnp.float32, jnp.float64], ids=["float32", "float64"])
