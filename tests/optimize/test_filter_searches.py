@@ -116,7 +116,7 @@ def test_commands_write_json_from_their_quick_configs(command, tmp_path, capsys)
         (["bias", "--technique", "exact"], "exact reads no map"),
         (["bias", "--technique", "pcf33"], "did you mean"),
         (["exponent", "--filter", "esm3"], "--filter"),
-        (["bias", "--resolution", "0"], "resolution must be"),
+        (["bias", "--resolution", "0"], "--resolution must lie in [1, 16384]"),
     ],
 )
 def test_bad_input_exits_2_with_one_line(arguments, told, capsys):
