@@ -38,7 +38,8 @@ def refinement_cost(num_required: np.ndarray | int, per_texel: float, fixed: flo
 
     Source: asm, cost and benefit.
     """
-    return per_texel * num_required + fixed
+    cost = per_texel * num_required + fixed
+    return cost if isinstance(cost, np.ndarray) else float(cost)
 
 
 @checked

@@ -133,9 +133,8 @@ def _search(mesh: Mesh, grid: RayGrid, with_face: bool, start: Array | None = No
 
     @one_by_one
     def one(mesh: Mesh, grid: RayGrid, start: Array | None) -> tuple[Array, Array]:
-        if with_face:
-            # Depth alone has no ties.
-            mesh = Mesh(mesh.vertices, faces_in_order(mesh), mesh.face_colors)
+        # Depth alone has no ties, but it must be the depth that comes with the faces.
+        mesh = Mesh(mesh.vertices, faces_in_order(mesh), mesh.face_colors)
         table = view(grid)
         floor = None if start is None else key_of_depth(grid, table, start)
         # A loop over triangles is the fastest way on a processor, and hopeless on an accelerator.

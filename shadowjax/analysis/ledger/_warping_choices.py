@@ -87,7 +87,7 @@ def _least_log(i: Inputs):
     """M_z of the best logarithmic warp: the largest at the two ends of the worst line."""
     view = frustum(i)
     depths = jnp.stack([view.near, view.far])
-    heights = depths * view.tan_y * (i.text("section") == "whole")
+    heights = depths * view.tan_y if i.text("section") == "whole" else jnp.zeros_like(depths)
     return jnp.max(log_error_z(view, log_distance(view, _section(i)), depths, heights))
 
 

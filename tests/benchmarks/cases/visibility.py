@@ -8,6 +8,9 @@ from tests.benchmarks.cases.receivers import camera_and_light, device_mesh, visi
 from tests.benchmarks.peers.base import Segments
 from tests.benchmarks.session import Session
 
+# How far above its receiver a peer's shadow ray starts, in roundings of the scene's extent.
+PEER_ROUNDINGS = 64.0
+
 
 def run(session: Session) -> None:
     """Ours from points and normals; peers get the finished shadow rays, and rasterisers have no exact test.
@@ -38,7 +41,9 @@ def _measure(session: Session, size: str) -> None:
         placed = *other.placed(arguments[:2]), *other.dealt(arguments[2:])
         calls[other.name], entry, answer = compiled(other.visible, *placed, options=other.compiler_options)
         beside[other.name] = entry | {"visibility_differs_percent": float(100 * np.mean(np.asarray(answer) != mine))}
-    rays, facing = shadow_rays(*arguments[1:])
+    # A peer's own rounding is that of the whole scene: its rays start as far above the receivers as that asks for.
+    gap = PEER_ROUNDINGS * np.finfo(np.float32).eps * float(mesh.extent)
+    rays, facing = shadow_rays(lit.grid.space, points + gap * normals, normals)
     rays, facing = rays.flattened(), np.asarray(facing)
     segments = Segments(*(np.array(x, np.float32) for x in (rays.origins, rays.directions, rays.t_max)))
     for peer in (peer for peer in session.peers if peer.can_test_segments):
