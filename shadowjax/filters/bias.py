@@ -10,8 +10,6 @@ from shadowjax._checked import Checked, checked
 from shadowjax._checks import require_choice, require_finite
 from shadowjax._numerics import dot, norm
 from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, as_float_array
-from shadowjax.rays.light_space import DirectionalSpace
-from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 
 UNITS = ("world", "texel", "slope")
@@ -56,8 +54,8 @@ class Bias(BiasRule):
     Attributes:
         value: Amount in `unit`.
         unit: "world": world units. "texel": multiples of a texel's world size at the receiver. "slope": the depth by
-            which the receiver's own plane changes over this many texels along both axes (`depth_change`); with the
-            filter's `reach` it is the smallest bias that frees a plane of acne.
+            which the receiver's own plane changes over this many texels along both axes; with the filter's `reach` it
+            is the smallest bias that frees a plane of acne.
     """
 
     value: Scalar
@@ -88,7 +86,7 @@ class Bias(BiasRule):
             return jnp.broadcast_to(value, points.shape[:-1])
         if self.unit == "texel":
             return value * texel_size(grid, points)
-        return depth_change(grid, points, normals, value)
+        return value * depth_slope(grid, points, normals)
 
     def forgive(self, grid: RayGrid, points: Points, normals: Points) -> Forgiven:
         """The receivers where they are, and `in_world`."""
@@ -130,7 +128,7 @@ def plane_gradient(
 
 
 @checked
-def depth_slope(grid: RayGrid, points: Points, normals: Points, limit: float = MAX_SLOPE) -> Float[Array, "*points"]:
+def depth_slope(grid: RayGrid, points: Points, normals: Points) -> Float[Array, "*points"]:
     """Depth change of the receiver's plane over one texel along both axes of the map, world units.
 
     Moving by one cell shifts a point by c at constant depth; staying on the plane with normal n then takes
@@ -140,7 +138,6 @@ def depth_slope(grid: RayGrid, points: Points, normals: Points, limit: float = M
         grid: The light rays of the map.
         points: Receivers.
         normals: Their unit normals.
-        limit: Largest change, texels.
 
     Returns:
         Non-negative depth, limited to 16 texels (an incidence of 86°), also where the surface is parallel to the light.
@@ -148,45 +145,6 @@ def depth_slope(grid: RayGrid, points: Points, normals: Points, limit: float = M
     across, down = grid.cell_vectors(points)
     cosine = jnp.abs(dot(normals, grid.space.to_source(points)))
     rise = jnp.abs(dot(normals, across)) + jnp.abs(dot(normals, down))
-    largest = limit * jnp.maximum(norm(across), norm(down))
+    limit = MAX_SLOPE * jnp.maximum(norm(across), norm(down))
     safe = jnp.maximum(cosine, jnp.finfo(points.dtype).eps)
-    return jnp.minimum(rise / safe, largest)
-
-
-@checked
-def depth_change(
-    grid: RayGrid, points: Points, normals: Points, reach: ArrayLike, limit: float = MAX_SLOPE
-) -> Float[Array, "*points"]:
-    """How far the receiver's plane comes nearer to the light within `reach` texels along both axes, world units.
-
-    Over a map with texels of one size this is `reach · depth_slope`. Warps and local lights bend the plane's depth
-    between texels, so there it is followed to the four corners of the reach, c from the receiver at constant depth,
-    where it is nearer by −n·c / n·s, s being the unit vector to the light at the corner. A map that keeps lines
-    straight has its extremes there.
-
-    Args:
-        grid: The light rays of the map.
-        points: Receivers.
-        normals: Their unit normals.
-        reach: Texels; a negative number gives a negative change.
-        limit: Largest change, texels of depth for each texel of reach.
-
-    Returns:
-        At most `limit · reach` texels, also where the surface is parallel to the light.
-    """
-    reach = jnp.asarray(reach, points.dtype)
-    if isinstance(grid.space, DirectionalSpace) and isinstance(grid.plane_map, Box):
-        return reach * depth_slope(grid, points, normals, limit)
-    position, depth = grid.locate(points)
-    behind = dot(normals, grid.space.to_source(points)) < 0
-    facing = jnp.where(behind[..., None], -normals, normals)
-    largest = limit * jnp.abs(reach) * texel_size(grid, points)
-    change = reach * depth_slope(grid, points, normals, limit)
-    # What rounding makes of the difference of two places; where nothing bends, the derivative's answer stands.
-    rounding = 2 * jnp.finfo(points.dtype).eps * grid.far
-    for corner in ((-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)):
-        moved = grid.point(position + jnp.abs(reach) * jnp.asarray(corner, points.dtype), depth)
-        cosine = dot(facing, grid.space.to_source(moved))
-        nearer = (dot(facing, points - moved) - rounding) / jnp.maximum(cosine, jnp.finfo(points.dtype).eps)
-        change = jnp.where(reach < 0, jnp.minimum(change, -nearer), jnp.maximum(change, nearer))
-    return jnp.clip(change, -largest, largest)
+    return jnp.minimum(rise / safe, limit)
