@@ -225,9 +225,11 @@ class AdaptiveShadows(Shadows):
         return self._tested(points, normals, None if self.technique.test == "depth" else faces)
 
     def _tested(self, points: Points, normals: Points, faces: Int[Array, "*points"] | None) -> Float[Array, "*points"]:
-        square, depth, forgiven = placed_on(self.map, self.bias, points, normals)
+        square, depth = placed_on(self.map, points)
         texel = self.map.read(square)
-        lit = is_lit(texel.depth, depth, forgiven / _fineness(self.map, self.bias, texel.level))
+        # A texel of a level is so much smaller than those of level 0, in whose cells the grid counts.
+        side = 1 / self.map.cells(texel.level)
+        lit = is_lit(texel.depth, depth, self.bias.in_world(self.map.grid, points, normals, side))
         if faces is not None and texel.polygon is not None:
             none = jnp.asarray(-1, jnp.int32).astype(texel.polygon.dtype)
             own = jnp.where(faces >= 0, self.polygons[jnp.maximum(faces, 0)], -1).astype(texel.polygon.dtype)
@@ -258,7 +260,7 @@ class AdaptiveShadows(Shadows):
         technique = self.technique
         rule, share, finest = technique.footprint, technique.texels_per_pixel, technique.finest_level
         receivers = view.points, view.normals
-        asked = _asked(self.map, self.bias, *receivers, view.grid, rule, share, finest)
+        asked = _asked(self.map, *receivers, view.grid, rule, share, finest)
         asked = [np.asarray(part) for part in asked]
         place, slot, level, needed, edge = (part[np.asarray(view.counts)] for part in asked)
         store = self.map.store.used(slot)
@@ -336,30 +338,20 @@ def _square_of(map_: AdaptiveMap, points: Points) -> Float[Array, "*points 2"]:
 
 
 @checked
-def placed_on(
-    map_: AdaptiveMap, bias: Bias, points: Points, normals: Points
-) -> tuple[Float[Array, "*points 2"], Float[Array, "*points"], Float[Array, "*points"]]:
-    """Where receivers read: (s, t), depth with rounding forgiven, and the bias at level 0, world units.
+def placed_on(map_: AdaptiveMap, points: Points) -> tuple[Float[Array, "*points 2"], Float[Array, "*points"]]:
+    """Where receivers read: (s, t), and depth with rounding forgiven, world units.
 
     Args:
         map_: Tiles.
-        bias: Depth the test forgives.
         points: Receivers.
-        normals: Their unit normals.
     """
     position, depth = map_.grid.locate(points)
-    return position / map_.tile_size, depth - map_.grid.depth_rounding, bias.in_world(map_.grid, points, normals)
-
-
-def _fineness(map_: AdaptiveMap, bias: Bias, level: Int[Array, "*points"]) -> Float[Array, "*points"]:
-    """How much less is forgiven at a level than at level 0."""
-    return map_.cells(level) if bias.unit != "world" else jnp.ones(level.shape, map_.depth.dtype)
+    return position / map_.tile_size, depth - map_.grid.depth_rounding
 
 
 @eqx.filter_jit
 def _asked(
     map_: AdaptiveMap,
-    bias: Bias,
     points: Points,
     normals: Points,
     view: RayGrid,
@@ -368,7 +360,7 @@ def _asked(
     finest: int,
 ) -> tuple[Array, ...]:
     """Of every pixel: place on the curve, slot and level that answer, level that it needs, whether an edge is near."""
-    square, depth, _ = placed_on(map_, bias, points, normals)
+    square, depth = placed_on(map_, points)
     slot, level = map_.table.find(square)
     span = FOOTPRINTS[rule](view, map_.grid, points, normals)
     wanted = jnp.ceil(jnp.log2(texels_per_pixel / jnp.maximum(span, texels_per_pixel / 2.0**finest)))

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from shadowjax._checked import checked
 from shadowjax._checks import require, require_value
 from shadowjax._types import Array, ArrayLike, Float, Points, as_float_array
-from shadowjax.filters.bias import MAX_SLOPE, depth_slope, texel_size
+from shadowjax.filters.bias import MAX_SLOPE, depth_change, depth_slope, texel_size
 from shadowjax.filters.bias_units import BiasScale
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.maps.sampling import read_texels, texel_index
@@ -56,7 +56,7 @@ def least_grid_bias(grid: RayGrid, points: Points, normals: Points, reach: float
         normals: Their unit normals.
         reach: The filter's reach, texels.
     """
-    return reach * depth_slope(grid, points, normals)
+    return depth_change(grid, points, normals, reach)
 
 
 @checked

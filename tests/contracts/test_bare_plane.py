@@ -63,7 +63,15 @@ def test_no_technique_darkens_a_bare_plane(name):
 
 
 @pytest.mark.parametrize(
-    ("partition", "warp"), [("whole", "minimax"), ("whole", "logarithmic"), ("whole", "stable"), ("z", "minimax")]
+    ("partition", "warp"),
+    [
+        ("whole", "minimax"),
+        ("whole", "logarithmic"),
+        ("whole", "stable"),
+        ("z", "minimax"),
+        ("z", "lispsm"),
+        ("z", "psm"),
+    ],
 )
 def test_no_warp_of_a_partition_darkens_a_bare_plane(partition, warp):
     chosen = ZSplit(2, warp=WARPS[warp]()) if partition == "z" else WARPED[partition](WARPS[warp]())

@@ -7,8 +7,9 @@ import pytest
 from shapes import above, lights, plate_over_plane
 
 from shadowjax import Bias
-from shadowjax.filters.bias import MAX_SLOPE, depth_slope, texel_size
+from shadowjax.filters.bias import MAX_SLOPE, depth_change, depth_slope, texel_size
 from shadowjax.partitions.whole import Whole
+from shadowjax.warps.fit import PerspectiveFit
 
 UP = jnp.asarray([0.0, 1.0, 0.0])
 SPOTS = jnp.asarray([[0.5, 0.0, 0.25], [-1.0, 0.0, 2.0], [2.0, 0.0, -1.5]])
@@ -28,6 +29,23 @@ def test_slope_is_the_depth_change_of_the_plane_over_one_texel(kind):
         change = change + jnp.abs(on_floor[0] - on_floor[1])
     slope = depth_slope(grid, SPOTS, jnp.broadcast_to(UP, SPOTS.shape))
     np.testing.assert_allclose(slope, change, rtol=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["directional", "spot"])
+def test_the_change_within_the_reach_bounds_that_of_the_bent_plane(kind):
+    """Against the floor itself, followed to many places within 1.5 texels of a coarse warped map.
+
+    Parallel light: exact where the bend adds to the slope. The distance to a lamp bends the other way everywhere.
+    """
+    grid = Whole(PerspectiveFit("psm")).grids(plate_over_plane(), lights()[kind], above(), 16)[0]
+    normals = jnp.broadcast_to(UP, SPOTS.shape)
+    position, depth = grid.locate(SPOTS)
+    steps = jnp.stack(jnp.meshgrid(*[jnp.linspace(-1.5, 1.5, 13)] * 2), -1).reshape(-1, 1, 2)
+    origin, direction = grid.space.ray(grid.plane_map.inverse((position + steps) / grid.resolution))
+    nearer = jnp.max(depth + origin[..., 1] / direction[..., 1], axis=0)
+    straight = 1.5 * depth_slope(grid, SPOTS, normals)
+    np.testing.assert_allclose(depth_change(grid, SPOTS, normals, 1.5), jnp.maximum(nearer, straight), rtol=1e-9)
+    assert np.all(nearer > 1.002 * straight) == (kind == "directional")
 
 
 def test_texel_size_of_a_directional_map_is_the_same_everywhere():

@@ -271,7 +271,8 @@ def test_lookups_have_finite_gradients_and_tiles_follow_the_mesh(built):
     points, normals = floor_points(8)
 
     def gap(points):
-        square, depth, forgiven = placed_on(built.map, built.bias, points, normals)
+        square, depth = placed_on(built.map, points)
+        forgiven = built.bias.in_world(built.map.grid, points, normals)
         return jnp.sum((built.map.read(square).depth - depth) ** 2 + forgiven)
 
     gradient = jax.jit(jax.grad(gap))(points)
@@ -279,7 +280,7 @@ def test_lookups_have_finite_gradients_and_tiles_follow_the_mesh(built):
     assert np.abs(gradient).max() > 0
     np.testing.assert_array_equal(jax.grad(lambda p: jnp.sum(read(built, p, normals)))(points), 0)
 
-    square, depth, _ = placed_on(built.map, built.bias, points, normals)
+    square, depth = placed_on(built.map, points)
     sees_floor = jnp.abs(built.map.read(square).depth - depth) < 0.3
 
     def lifted(height):
