@@ -9,7 +9,7 @@ import numpy as np
 
 from shadowjax._checked import checked
 from shadowjax._checks import concrete, require, require_choice, require_int
-from shadowjax._numerics import dot
+from shadowjax._numerics import dot, faces_light
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.filters.bias import Bias, plane_gradient
 from shadowjax.filters.hard import is_lit
@@ -235,7 +235,7 @@ class AdaptiveShadows(Shadows):
             own = jnp.where(faces >= 0, self.polygons[jnp.maximum(faces, 0)], -1).astype(texel.polygon.dtype)
             same = (texel.polygon == own) | (texel.polygon == none)  # where nothing is seen, nothing blocks
             lit = same if self.technique.test == "id" else same | lit
-        facing = dot(normals, self.map.grid.space.to_source(points)) > 0
+        facing = faces_light(normals, self.map.grid.space.to_source(points))
         return (lit & facing).astype(points.dtype)
 
     @property
@@ -328,7 +328,7 @@ def _seen(
     normals = jnp.where((dot(normals, rays.directions) > 0)[..., None], -normals, normals).reshape(-1, 3)
     square = grid.locate(points)[0] / grid.num_rows
     inside = jnp.all((square >= 0) & (square <= 1), axis=-1)
-    facing = dot(normals, grid.space.to_source(points)) > 0
+    facing = faces_light(normals, grid.space.to_source(points))
     return points, normals, hit.is_hit.reshape(-1) & facing & inside, view
 
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import NOT_NEGATIVE, POSITIVE, UNIT_INTERVAL, concrete, require, require_int, warn
-from shadowjax._numerics import dot, map_in_chunks, normalize
+from shadowjax._numerics import dot, faces_light, map_in_chunks, normalize
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
@@ -134,10 +134,9 @@ def visibility_on(surface: Surface, shadows: Shadows) -> Float[Array, "rows cols
 
 @checked
 def valid_receivers(surface: Surface, light: Light) -> Bool[Array, "rows cols"]:
-    """Where visibility matters: a surface is seen, faces the light, and lies in its cone."""
+    """Where visibility matters: a surface is seen, faces the light by more than rounding, and lies in its cone."""
     to_light, _ = light.to_light(surface.points)
-    facing = dot(surface.normals, to_light) > 0
-    return surface.is_seen & facing & (light.covers(surface.points) > 0)
+    return surface.is_seen & faces_light(surface.normals, to_light) & (light.covers(surface.points) > 0)
 
 
 @checked
@@ -146,13 +145,17 @@ def phong(
 ) -> Float[Array, "rows cols 3"]:
     """Diffuse and specular light of one source that leaves the surface towards the camera, linear RGB.
 
-    The highlight takes the mirror direction of the classical Phong model and vanishes with the diffuse term.
+    The highlight takes the mirror direction of the classical Phong model and vanishes with the diffuse term, also where
+    that is no more than rounding.
     """
     to_light, _ = light.to_light(surface.points)
     cosine = jnp.maximum(dot(surface.shading_normals, to_light), 0.0)
     mirrored = 2 * cosine[..., None] * surface.shading_normals - to_light
     highlight = jnp.maximum(dot(mirrored, surface.to_camera), 0.0) ** material.shininess
-    highlight = jnp.where(cosine > 0, highlight, jnp.zeros_like(highlight)) * material.specular
+    highlight = (
+        jnp.where(faces_light(surface.shading_normals, to_light), highlight, jnp.zeros_like(highlight))
+        * material.specular
+    )
     arriving = light.radiance(surface.points) * visibility[..., None]
     return arriving * (surface.albedo * cosine[..., None] + highlight[..., None])
 
@@ -176,7 +179,7 @@ def warn_where_unlit(surface: Surface, light: Light) -> None:
 @eqx.filter_jit
 def _seen_and_facing(surface: Surface, light: Light) -> tuple[Bool[Array, ""], Bool[Array, ""]]:
     to_light, _ = light.to_light(surface.points)
-    return jnp.any(surface.is_seen), jnp.any(surface.is_seen & (dot(surface.normals, to_light) > 0))
+    return jnp.any(surface.is_seen), jnp.any(surface.is_seen & faces_light(surface.normals, to_light))
 
 
 @checked

@@ -19,7 +19,8 @@ class Shadows(Checked):
 
         Args:
             points: World points on surfaces.
-            normals: Unit normals of the side that is looked at; a side that faces away from the light is dark.
+            normals: Unit normals of the side that is looked at; one that does not face the light by
+                more than rounding is dark.
         """
 
     def visibility_of(self, points: Points, normals: Points, faces: Int[Array, "*points"]) -> Float[Array, "*points"]:

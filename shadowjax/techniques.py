@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from shadowjax._checked import checked
 from shadowjax._checks import concrete, require, require_choice, require_int
-from shadowjax._numerics import dot
+from shadowjax._numerics import faces_light
 from shadowjax._types import Array, Float, Points
 from shadowjax.adaptive import AdaptiveShadowMapping
 from shadowjax.filters.base import Filter, Lookup
@@ -188,7 +188,7 @@ class MappedShadows(Shadows):
         result = jnp.maximum(1 - sum(shares), 0)  # lit where no map answers
         for index, share in enumerate(shares):
             result = result + share * self.read(index, points, normals)
-        facing = dot(normals, self.maps[0].grid.space.to_source(points)) > 0
+        facing = faces_light(normals, self.maps[0].grid.space.to_source(points))
         return jnp.where(facing, result, jnp.zeros_like(result))
 
     @property

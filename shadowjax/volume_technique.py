@@ -15,7 +15,7 @@ from shadowjax._checks import (
     require_int,
     require_value,
 )
-from shadowjax._numerics import dot
+from shadowjax._numerics import faces_light
 from shadowjax._types import Array, ArrayLike, Float, Int, Points, Scalar, as_float_array
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
@@ -154,7 +154,7 @@ class VolumeShadows(Shadows):
         to_light, _ = self.light.to_light(points)
         # No ray arrives behind a spot light, so nothing blocks one there.
         lit = is_lit(self.count(points, normals)) | ~in_front(self.space, points)
-        return (lit & (dot(normals, to_light) > 0)).astype(points.dtype)
+        return (lit & faces_light(normals, to_light)).astype(points.dtype)
 
     @property
     def map_bytes(self) -> int:

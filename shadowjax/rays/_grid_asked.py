@@ -5,6 +5,7 @@ from typing import Any
 import jax.numpy as jnp
 from jax import lax
 
+from shadowjax._numerics import FACING_ROUNDINGS
 from shadowjax._types import Array, Bool, Float, UInt
 from shadowjax.rays._grid_project import View, coordinates, never, view
 from shadowjax.rays._grid_tiles import more
@@ -59,8 +60,10 @@ def project(
         side = [part / jnp.where(away > 0, away, jnp.ones_like(away)) for part in towards]
     else:
         side = [normals[:, axis] for axis in range(3)]
-    # Only the sign counts: a direction of any length will do.
-    facing = towards[0] * side[0] + towards[1] * side[1] + towards[2] * side[2] > 0
+    # `faces_light` for a direction of any length.
+    cosine = towards[0] * side[0] + towards[1] * side[1] + towards[2] * side[2]
+    length = jnp.sqrt(towards[0] * towards[0] + towards[1] * towards[1] + towards[2] * towards[2])
+    facing = cosine > FACING_ROUNDINGS * float(jnp.finfo(points.dtype).eps) * length
     off = [jnp.abs(part * raised) for part, raised in zip(parts, side, strict=True)]
     gap = RECEIVER_ROUNDINGS * jnp.finfo(points.dtype).eps * (off[0] + off[1] + off[2])
     x, y, w = coordinates(space, [part + gap * raised for part, raised in zip(parts, side, strict=True)])

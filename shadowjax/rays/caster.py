@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require
-from shadowjax._numerics import dot, map_in_chunks
+from shadowjax._numerics import faces_light, map_in_chunks
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.light_space import LightSpace, is_reached
@@ -140,7 +140,7 @@ def shadow_rays(space: LightSpace, points: Points, normals: Points | None) -> tu
     plane, _ = space.project(points)
     # Nothing can meet a ray that ends before it starts.
     limit = jnp.where(is_reached(space, plane), distance, -jnp.ones_like(distance))
-    return Rays(start, directions, jnp.zeros((), points.dtype), limit), dot(to_source, side) > 0
+    return Rays(start, directions, jnp.zeros((), points.dtype), limit), faces_light(side, to_source)
 
 
 @checked
