@@ -1,6 +1,6 @@
 """Prints the table of tones along straight edges of the page on multi-depth maps."""
 
-from shadowjax.analysis.tones import axis_step_tones, diagonal_step_tones, predicted_tones, straight_edge_tones
+from shadowjax.theory.tones import axis_step_tones, diagonal_step_tones, predicted_tones, straight_edge_tones
 
 POLICIES = {"1-SM": 1, "2-SM max": 2, "2-SM min": 2, "3-SM min/max": 3}
 

@@ -7,16 +7,16 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import ndimage
 
+from shadowjax import scenes
 from shadowjax._checks import require, require_choice, require_int
-from shadowjax.adaptive import AdaptiveShadowMapping, AdaptiveShadows
-from shadowjax.analysis import compare
-from shadowjax.geometry import scenes
+from shadowjax.evaluate import compare
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays.grid import Grid
+from shadowjax.rays.grid.caster import GridCaster
 from shadowjax.shading import visibility_on
-from shadowjax.technique_base import Shadows
-from shadowjax.techniques import ShadowMapping
+from shadowjax.techniques.adaptive import AdaptiveShadowMapping, AdaptiveShadows
+from shadowjax.techniques.base import Shadows
+from shadowjax.techniques.shadow_mapping import ShadowMapping
 
 KIB = 1024
 # Pixels on both sides of an exact shadow's edge that count as near it.
@@ -85,7 +85,7 @@ class Stage:
         self.scene = made if camera is None else eqx.tree_at(lambda one: one.camera, made, camera)
         self.height = height
         width = round(height * float(self.scene.camera.aspect))
-        self.view = compare.look(self.scene, width, height, Grid())
+        self.view = compare.reference_view(self.scene, width, height, GridCaster())
         self.valid, self.exact = np.asarray(self.view.valid), np.asarray(self.view.exact)
         darkest = ndimage.minimum_filter(np.where(self.valid, self.exact, 1), 2 * NEAR + 1)
         brightest = ndimage.maximum_filter(np.where(self.valid, self.exact, 0), 2 * NEAR + 1)
@@ -103,13 +103,13 @@ class Stage:
 
     def uniform(self, resolution: int) -> Wrong:
         """The hard test on one uniform map."""
-        technique = ShadowMapping(resolution=resolution, caster=Grid())
+        technique = ShadowMapping(resolution=resolution, caster=GridCaster())
         return self.wrong(technique.build(self.scene.mesh, self.scene.lights[0], self.scene.camera))
 
     def technique(self, budget_kib: int, **options) -> AdaptiveShadowMapping:
         """An adaptive map that looks at the very pixels of this view."""
         require(budget_kib > 0, f"a budget must be positive; got {budget_kib} KiB")
-        return AdaptiveShadowMapping(KIB * budget_kib, num_rows=self.height, caster=Grid(), **options)
+        return AdaptiveShadowMapping(KIB * budget_kib, num_rows=self.height, caster=GridCaster(), **options)
 
     def adaptive(self, budget_kib: int, **options) -> AdaptiveShadows:
         """An adaptive map of this view."""

@@ -29,8 +29,8 @@ from experiments.adaptive_views import KIB, Stage, Wrong, check_view
 from experiments.base import Claim
 from experiments.claiming import all_true
 from shadowjax._checks import require, require_int
-from shadowjax.geometry.scenes import SCENES, make
 from shadowjax.plotting import PALETTE, label, new_figure, styled
+from shadowjax.scenes import SCENES, make
 
 
 @dataclass(frozen=True)

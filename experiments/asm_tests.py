@@ -24,10 +24,10 @@ from experiments.adaptive_views import Stage, Wrong, check_view
 from experiments.base import Claim
 from experiments.claiming import all_true
 from shadowjax._checks import require, require_int
-from shadowjax.adaptive import TESTS, AdaptiveShadows
-from shadowjax.filters.bias import Bias
+from shadowjax.bias.rule import Bias
 from shadowjax.plotting import PALETTE, label, new_figure, styled
 from shadowjax.plotting.style import legend_below
+from shadowjax.techniques.adaptive import TESTS, AdaptiveShadows
 
 SAME_MEMORY = "depth, same memory"
 

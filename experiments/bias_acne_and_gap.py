@@ -26,20 +26,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
+from shadowjax.warps.light_frustum import LightFrustum
 
 from experiments.base import Claim
 from experiments.claiming import agrees
 from shadowjax import Bias, Camera, DirectionalLight, Mesh, PercentageCloser, ShadowMapping
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array
-from shadowjax.analysis.acne import contact_gap, least_grid_bias, least_plane_bias
-from shadowjax.filters.bias import texel_size
-from shadowjax.partitions.whole import Whole
+from shadowjax.bias.rule import texel_size
+from shadowjax.evaluate.acne import contact_gap, least_grid_bias, least_plane_bias
+from shadowjax.partitions.single import SingleMap
 from shadowjax.plotting import MARKERS, PALETTE, label, new_figure, styled
-from shadowjax.rays.brute import BruteForce
-from shadowjax.techniques import MappedShadows
+from shadowjax.rays.brute import BruteForceCaster
+from shadowjax.techniques.shadow_mapping import MappedShadows
 from shadowjax.warps.fit import PerspectiveFit
-from shadowjax.warps.light_frustum import LightFrustum
 
 HALF = 4.0  # half the extent of the ground, world units
 
@@ -130,7 +130,7 @@ def run(config: Config) -> Result:
     """Every elevation with every bias; then the warped map under three lights."""
     camera = Camera.look_at(*CAMERA, phi_y=0.45, near=2.0, far=16.0, dtype=jnp.float32)
     technique = ShadowMapping(
-        PercentageCloser(config.kernel_size), config.resolution, caster=BruteForce(),
+        PercentageCloser(config.kernel_size), config.resolution, caster=BruteForceCaster(),
         bias=Bias(jnp.asarray(0.0, jnp.float32), "texel"),
     )  # fmt: skip
     biases = np.linspace(0, config.largest, config.num_biases)
@@ -176,7 +176,7 @@ def _needed_along_view(camera: Camera, gamma: float, depth: np.ndarray, config: 
     above = np.cross(side / np.linalg.norm(side), forward)
     light = DirectionalLight.create(np.cos(gamma) * forward - np.sin(gamma) * above, dtype=jnp.float32)
     box = _quad(FLOOR)
-    warp = Whole(PerspectiveFit("minimax", tight=False))
+    warp = SingleMap(PerspectiveFit("minimax", tight=False))
     grid = warp.grids(box, light, camera, config.resolution)[0]
     points = np.asarray(camera.position, float) + depth[:, None] * forward
     tilted = -np.asarray(light.direction, float) + side / np.linalg.norm(side)

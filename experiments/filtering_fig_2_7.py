@@ -21,9 +21,9 @@ from matplotlib.figure import Figure
 
 from experiments.base import Claim
 from shadowjax._checks import require, require_int
-from shadowjax.analysis import limits
 from shadowjax.filters.convolution import fourier_bases, fourier_visibility
 from shadowjax.plotting import MARKERS, PALETTE, label, new_figure, styled
+from shadowjax.theory import limits
 
 RECEIVER = 0.5
 

@@ -25,11 +25,11 @@ from matplotlib.figure import Figure
 from experiments.base import Claim
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array
-from shadowjax.analysis import limits
 from shadowjax.filters.exponential_variance import warp_depth
 from shadowjax.filters.moment import hamburger_visibility
 from shadowjax.filters.variance import chebyshev_visibility, variance_of
 from shadowjax.plotting import PALETTE, label, new_figure, series_style, styled
+from shadowjax.theory import limits
 
 BEHIND = 0.05  # distance from the far occluder to the receiver, in the range of the map
 

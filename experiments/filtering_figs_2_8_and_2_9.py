@@ -24,11 +24,11 @@ from matplotlib.figure import Figure
 from experiments.base import Claim
 from shadowjax._checks import require
 from shadowjax._types import Array
-from shadowjax.analysis import limits
 from shadowjax.filters.base import Lookup
 from shadowjax.filters.exponential import Exponential
 from shadowjax.filters.prefilter import Prefilter
 from shadowjax.plotting import MARKERS, PALETTE, label, new_figure, styled
+from shadowjax.theory import limits
 
 DTYPES = {"float16": jnp.float16, "bfloat16": jnp.bfloat16, "float32": jnp.float32}
 MODES = ("none", "threshold", "z-max")

@@ -17,12 +17,12 @@ from matplotlib.figure import Figure
 
 from experiments.base import Claim
 from shadowjax._checks import require_int
-from shadowjax.analysis import memory
 from shadowjax.filters.convolution import Convolution, basis_bytes
 from shadowjax.filters.exponential_variance import ExponentialVariance
 from shadowjax.filters.moment import Moments
 from shadowjax.filters.variance import Variance
 from shadowjax.plotting import label, new_figure, series_style, styled
+from shadowjax.theory import memory
 
 KEPT = ("pcf", "vsm", "csm", "xcsm", "esm")
 OURS = {"vsm": Variance(), "evsm4": ExponentialVariance(), "msm": Moments(), "csm": Convolution()}

@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from shadowjax._types import Array, Float
-from shadowjax.analysis.cost import count_build_fetches, count_lookup_fetches, dependence
 from shadowjax.filters.base import Lookup
 from shadowjax.filters.multi_depth import max_neighbour, single
 from shadowjax.filters.pcf import percentage_closer
+from shadowjax.theory.cost import count_build_fetches, count_lookup_fetches, dependence
 
 BLOCK = 4096  # fragments shaded together
 SETUPS = {"PCF 3 × 3": (3, 1), "2-SM + PCF 2 × 2": (2, 2), "PCF 4 × 4": (4, 1)}  # taps along an axis, depths

@@ -11,19 +11,14 @@ import numpy as np
 
 from shadowjax import Mesh, MeshEdges, PointLight, RayGrid, Receiver, mesh_edges, plane_receiver, shadow_picture
 from shadowjax._types import Array
-from shadowjax.geometry.scenes.closed_forms import ReceivingPlane, project
-from shadowjax.geometry.scenes.plate_over_plane import PlateOverPlane
-from shadowjax.geometry.scenes.shadow_moments import (
-    ShadowMoments,
-    convex_shadow_moments,
-    polygon_moments,
-    union_moments,
-)
-from shadowjax.geometry.scenes.sphere_over_plane import SphereOverPlane
-from shadowjax.geometry.scenes.two_plates import TwoPlates
-from shadowjax.rays.brute import BruteForce
-from shadowjax.rays.grid import Grid
-from shadowjax.rays.light_space import light_space
+from shadowjax.geometry.light_space import light_space
+from shadowjax.rays.brute import BruteForceCaster
+from shadowjax.rays.grid.caster import GridCaster
+from shadowjax.scenes.closed_forms import ReceivingPlane, project
+from shadowjax.scenes.plate_over_plane import PlateOverPlane
+from shadowjax.scenes.shadow_moments import ShadowMoments, convex_shadow_moments, polygon_moments, union_moments
+from shadowjax.scenes.sphere_over_plane import SphereOverPlane
+from shadowjax.scenes.two_plates import TwoPlates
 
 LOWER, UPPER = (-3.2, -3.0), (2.6, 3.1)
 LAMP = (0.9, 4.1, -0.4)
@@ -102,7 +97,7 @@ class Stage:
         """The shadow picture of moved vertices in the light of a moved lamp."""
         moved = Mesh(vertices, mesh.faces, mesh.face_colors)
         lamp = PointLight(position, self.light.color)
-        return shadow_picture(moved, edges, lamp, self.view, BruteForce(), self.receiver)
+        return shadow_picture(moved, edges, lamp, self.view, BruteForceCaster(), self.receiver)
 
     def summed(self, weights: Array, mesh: Mesh, edges: MeshEdges) -> Callable[[Array, Array], Array]:
         """The dark part of the picture times weights, as a function of vertices and of the lamp's position."""
@@ -148,7 +143,7 @@ class Stage:
 
 @jax.jit
 def _lit(mesh: Mesh, space: Any, points: Array) -> Array:
-    return Grid().visible(mesh, space, points).astype(points.dtype)
+    return GridCaster().visible(mesh, space, points).astype(points.dtype)
 
 
 def random_triangles(seed: int, count: int, size: Size) -> tuple[Mesh, MeshEdges]:

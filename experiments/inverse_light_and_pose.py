@@ -31,9 +31,9 @@ from shadowjax._checks import require, require_int
 from shadowjax._numerics import normalize
 from shadowjax._types import Array, Float
 from shadowjax.geometry.light import Light
-from shadowjax.optimize.inverse import Recovered, linearized, recover
+from shadowjax.optimize.solvers.least_squares import Recovered, linearized, recover
 from shadowjax.plotting import PALETTE, label, new_figure, styled
-from shadowjax.rays.brute import BruteForce
+from shadowjax.rays.brute import BruteForceCaster
 
 # Parameters: light (a position, or a direction with −1 downwards), translation in metres, rotation vector in radians.
 LIGHT, MOVE, TURN = slice(0, 3), slice(3, 6), slice(6, 9)
@@ -138,7 +138,9 @@ class Difference(eqx.Module):
         middle = jnp.mean(self.mesh.vertices, axis=0)
         vertices = middle + at[MOVE] + (self.mesh.vertices - middle) @ _rotation(at[TURN]).T
         mesh = Mesh(vertices, self.mesh.faces, self.mesh.face_colors)
-        return shadow_picture(mesh, self.edges, self._light(at), self.stage.view, BruteForce(), self.stage.receiver)
+        return shadow_picture(
+            mesh, self.edges, self._light(at), self.stage.view, BruteForceCaster(), self.stage.receiver
+        )
 
     def _light(self, at: Array) -> Light:
         color = jnp.ones(3, at.dtype)

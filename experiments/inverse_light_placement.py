@@ -2,9 +2,9 @@
 
 A camera looks at a subject from a fixed distance; its height is free within limits, and so are the sun's height and
 its turn about the subject, and n' of the map. The mean number of pixels that a texel decides, m, has a closed form over
-the pixels that see the ground (`optimize.seen_pixels`: perspective error by four moments, projection error by cosines).
-JAX gives its slope in all four; L-BFGS-B within bounds lowers its logarithm from several starts. Lenses and limits are
-random.
+the pixels that see the ground (`optimize.viewed.seen_pixels`: perspective error by four moments, projection error by
+cosines). JAX gives its slope in all four; L-BFGS-B within bounds lowers its logarithm from several starts. Lenses and
+limits are random.
 
 Measured: slopes against central differences; a brute-force grid over all four parameters, of which no point may be
 better; the slope that is left, and the bounds that hold the answer; how many starts reach it. The formula knows the
@@ -33,15 +33,15 @@ from experiments.claiming import all_true, at_most
 from shadowjax import DirectionalLight, Mesh
 from shadowjax._checks import require_int
 from shadowjax._types import Array, Scalar
-from shadowjax.analysis.measure import aliasing_map
+from shadowjax.evaluate.measure import aliasing_map
 from shadowjax.geometry.camera import Camera
-from shadowjax.geometry.scenes.primitives import box
-from shadowjax.optimize.bounded import Lowest, lowest
-from shadowjax.optimize.seen_pixels import STEEPEST, chart_between, mean_error, seen_pixels
+from shadowjax.geometry.light_space import DirectionalSpace, light_space
+from shadowjax.optimize.solvers.bounded import BoundedMinimum, minimise_multistart
+from shadowjax.optimize.viewed.seen_pixels import STEEPEST, chart_between, mean_error, seen_pixels
 from shadowjax.plotting import PALETTE, label, new_figure, styled
-from shadowjax.rays.brute import BruteForce
-from shadowjax.rays.light_space import DirectionalSpace, light_space
+from shadowjax.rays.brute import BruteForceCaster
 from shadowjax.rays.ray_grid import RayGrid, camera_grid
+from shadowjax.scenes.primitives import box
 from shadowjax.shading import Surface, trace_surface, valid_receivers
 from shadowjax.warps.fit import view_axis
 from shadowjax.warps.perspective import PerspectiveWarp
@@ -97,7 +97,7 @@ class Found:
     phi: float
     lower: np.ndarray
     upper: np.ndarray
-    search: Lowest
+    search: BoundedMinimum
     grid: np.ndarray
     axes: tuple[np.ndarray, ...]
     slopes: tuple[np.ndarray, np.ndarray]
@@ -158,7 +158,7 @@ def _measure(mesh: Mesh, points: Array, phi: Array, width: int) -> Array:
 
     def one(x: Array) -> Array:
         camera, sun = _camera(x[0], phi), _sun(x[1], x[2])
-        surface = trace_surface(mesh, camera, width, width, BruteForce())
+        surface = trace_surface(mesh, camera, width, width, BruteForceCaster())
         valid = valid_receivers(surface, sun)
         depth = (surface.points - camera.position) @ camera.forward
         near, far = jnp.min(jnp.where(valid, depth, jnp.inf)), jnp.max(jnp.where(valid, depth, 0.0))
@@ -206,7 +206,7 @@ def _search(config: Config, seed: int) -> Found:
         return _both(jnp.asarray(x), lens, config.width)
 
     starts = rng.uniform(lower, upper, (config.num_starts, 4))
-    search = lowest(both, starts, lower, upper)
+    search = minimise_multistart(both, starts, lower, upper)
     axes = tuple(np.linspace(low, high, count) for low, high, count in zip(lower, upper, STEPS, strict=True))
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     values = np.asarray(_many(jnp.asarray(points.reshape(-1, 4)), lens, config.width)).reshape(STEPS)

@@ -1,8 +1,8 @@
 """Inverse problem: near distance n', bias and filter width of a shadow map, all at once, for the least error in view.
 
 A filter that counts depth tests has no gradient in its bias, and moving n' moves every texel, so the error of a map is
-rough in all three. `optimize.expected` averages it over the place of each receiver inside its texel and softens the
-tests; the result is smooth, and its slope sees the edges of shadows. L-BFGS-B within bounds lowers it from several
+rough in all three. `optimize.viewed.expected` averages it over the place of each receiver inside its texel and softens
+the tests; the result is smooth, and its slope sees the edges of shadows. L-BFGS-B within bounds lowers it from several
 starts. The truth is the mean over the sun's disc, so that a wider kernel may be right.
 
 Measured: the slope against central differences; the softened error against that of the map itself, which is cast,
@@ -28,11 +28,10 @@ from matplotlib.figure import Figure
 
 from experiments.base import Claim
 from experiments.claiming import all_true, at_most
-from shadowjax import DirectionalLight
+from shadowjax import DirectionalLight, scenes
 from shadowjax._checks import require, require_int
-from shadowjax.geometry import scenes
-from shadowjax.optimize.bounded import Lowest, lowest
-from shadowjax.optimize.expected import ExpectedError, Settings, error_and_slope
+from shadowjax.optimize.solvers.bounded import BoundedMinimum, minimise_multistart
+from shadowjax.optimize.viewed.expected import ExpectedError, Settings, error_and_slope
 from shadowjax.plotting import PALETTE, label, new_figure, show_image, styled
 
 LOWER, UPPER = np.array([0.0, 0.0, 0.05]), np.array([0.97, 6.0, 3.0])  # of bend, bias and width
@@ -89,7 +88,7 @@ class Found:
     """
 
     scene: str
-    search: Lowest
+    search: BoundedMinimum
     settings: dict[str, np.ndarray]
     softened: dict[str, float]
     measured: dict[str, float]
@@ -142,7 +141,9 @@ def _apart(expected: ExpectedError) -> np.ndarray:
         lower, upper = at.copy(), at.copy()
         lower[index], upper[index] = LOWER[index], UPPER[index]
         starts = [np.where(np.arange(3) == index, LOWER + share * (UPPER - LOWER), at) for share in (0.2, 0.8)]
-        at = lowest(lambda x: error_and_slope(expected, x), [at, *starts], lower, upper, MOST_STEPS).parameters
+        at = minimise_multistart(
+            lambda x: error_and_slope(expected, x), [at, *starts], lower, upper, MOST_STEPS
+        ).parameters
     return at
 
 
@@ -154,7 +155,7 @@ def _search(config: Config, name: str, seed: int) -> tuple[Found, ExpectedError]
 
     default = np.asarray(expected.published)
     random = np.random.default_rng(seed).uniform(LOWER, UPPER, (config.num_starts - 1, 3))
-    search = lowest(both, [default, *random], LOWER, UPPER, MOST_STEPS)
+    search = minimise_multistart(both, [default, *random], LOWER, UPPER, MOST_STEPS)
     settings = {DEFAULT: default, APART: _apart(expected), JOINT: search.parameters}
     softened = {way: float(np.exp(both(x)[0])) for way, x in settings.items()}
     measured = {way: expected.measured(Settings.of(jnp.asarray(x))) for way, x in settings.items()}

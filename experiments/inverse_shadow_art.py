@@ -24,9 +24,9 @@ from experiments.claiming import all_true, at_most
 from experiments.gradient_scenes import padded, size_of
 from experiments.wall_scenes import Wall, behind, in_pixels, on_walls, show_mesh, spots
 from shadowjax._checks import require, require_int
-from shadowjax.geometry.scenes.sphere_over_plane import SphereOverPlane
-from shadowjax.optimize.vertices import descend, diffuser
+from shadowjax.optimize.solvers.descent import descend, diffuser
 from shadowjax.plotting import PALETTE, label, new_figure, show_image, styled
+from shadowjax.scenes.sphere_over_plane import SphereOverPlane
 
 NAMES = ("heart", "star")
 

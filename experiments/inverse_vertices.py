@@ -25,9 +25,9 @@ from experiments.claiming import all_true
 from experiments.gradient_scenes import padded, size_of
 from experiments.wall_scenes import Wall, on_walls, show_mesh
 from shadowjax._checks import require, require_int
-from shadowjax.geometry.scenes.sphere_over_plane import SphereOverPlane
-from shadowjax.optimize.vertices import Descent, descend, diffuser
+from shadowjax.optimize.solvers.descent import Descent, descend, diffuser
 from shadowjax.plotting import PALETTE, label, new_figure, show_image, styled
+from shadowjax.scenes.sphere_over_plane import SphereOverPlane
 
 SIZE = 0.6  # metres: radius of the ball to start from, and of bodies without bumps; all shadows stay on the walls
 BUMPS = np.array([0.06] * 3 + [0.3] * 8)  # largest coefficient of each function in `radius`

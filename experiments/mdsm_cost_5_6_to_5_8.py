@@ -35,14 +35,14 @@ from experiments.fragment_cost import BLOCK, NINE, SETUPS, SIXTEEN, TWO, count_r
 from experiments.layout import mark_x
 from shadowjax._checks import require, require_int
 from shadowjax._types import Float
-from shadowjax.analysis.cost import (
+from shadowjax.plotting import label, new_figure, series_style, styled
+from shadowjax.theory.cost import (
     crossover_fragments,
     first_cheaper_fragments,
     lookup_fetches,
     multi_depth_fetches,
     size_ratio_threshold,
 )
-from shadowjax.plotting import label, new_figure, series_style, styled
 
 WIDEST = 0.2  # range of the ratios of turns over their median, for which a time is claimed
 NEIGHBOURS = 9  # q of the source: the 3 × 3 neighbourhood

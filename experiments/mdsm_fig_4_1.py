@@ -28,10 +28,10 @@ from matplotlib.figure import Figure
 from experiments.base import Claim
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array
-from shadowjax.analysis.tones import count_sums, count_tones, max_tones, nominal_tones
 from shadowjax.filters.base import Lookup
 from shadowjax.filters.pcf import percentage_closer
 from shadowjax.plotting import PALETTE, label, new_figure, series_style, styled
+from shadowjax.theory.tones import count_sums, count_tones, max_tones, nominal_tones
 
 THIRDS = (Fraction(0), Fraction(3, 10), Fraction(1))  # 0, 0.3, 1: unequal steps that meet again at ten elements
 

@@ -8,17 +8,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from shadowjax import scenes
 from shadowjax._checks import require, require_int
-from shadowjax.analysis.metrics import rmse
-from shadowjax.analysis.tones import count_tones
+from shadowjax.evaluate.metrics import rmse
 from shadowjax.filters.base import Filter
 from shadowjax.filters.hard import Hard
-from shadowjax.geometry import scenes
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.smoothing import smooth_corner_groups
 from shadowjax.rays.casters import default_caster
 from shadowjax.shading import Surface, shade, trace_surface, valid_receivers, visibility_on
-from shadowjax.techniques import Exact, ShadowMapping, Shadows
+from shadowjax.techniques.base import Shadows
+from shadowjax.techniques.exact import Exact
+from shadowjax.techniques.shadow_mapping import ShadowMapping
+from shadowjax.theory.tones import count_tones
 
 Image = Float[np.ndarray, "rows cols"]
 Mask = Bool[np.ndarray, "rows cols"]

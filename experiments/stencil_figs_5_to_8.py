@@ -27,12 +27,12 @@ from shadowjax._checks import require, require_int
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import PointLight
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.geometry.scenes.base import to_mesh
-from shadowjax.geometry.scenes.primitives import box
 from shadowjax.plotting import label, series_style, show_image, styled
-from shadowjax.rays.brute import BruteForce
+from shadowjax.rays.brute import BruteForceCaster
+from shadowjax.scenes.base import to_mesh
+from shadowjax.scenes.primitives import box
 from shadowjax.shading import shade, trace_surface, valid_receivers, visibility_on
-from shadowjax.techniques import Exact
+from shadowjax.techniques.exact import Exact
 from shadowjax.volumes.extrude import homogeneous_light, volume_edges
 from shadowjax.volumes.regions import boundary
 from shadowjax.volumes.stencil import Counts, Stencil, eye_counts, is_lit, near_plane_counts
@@ -121,7 +121,7 @@ def stage() -> Mesh:
 
 def look_at(mesh: Mesh, light: PointLight, camera: Camera, width: int) -> Seen:
     """Count everything in one view."""
-    caster, height = BruteForce(), width * 3 // 4
+    caster, height = BruteForceCaster(), width * 3 // 4
     surface = trace_surface(mesh, camera, width, height, caster)
     valid = np.asarray(valid_receivers(surface, light))
     exact = np.asarray(visibility_on(surface, Exact(caster).build(mesh, light, camera))) > 0

@@ -20,12 +20,12 @@ import numpy as np
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import PointLight
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.geometry.scenes import palette
-from shadowjax.geometry.scenes.base import SUNLIGHT, framed
-from shadowjax.geometry.scenes.parts import Part, join, make_part, scatter
-from shadowjax.geometry.scenes.primitives import block, box, convex_hull, icosahedron
-from shadowjax.geometry.scenes.recursive_tetrahedron import recursive_tetrahedron
-from shadowjax.geometry.scenes.solids import cube, dodecahedron, octahedron, standing, tetrahedron
+from shadowjax.scenes import palette
+from shadowjax.scenes.base import SUNLIGHT, framed
+from shadowjax.scenes.parts import Part, join, make_part, scatter
+from shadowjax.scenes.primitives import block, box, convex_hull, icosahedron
+from shadowjax.scenes.recursive_tetrahedron import recursive_tetrahedron
+from shadowjax.scenes.solids import cube, dodecahedron, octahedron, standing, tetrahedron
 
 SPHERE, SOLIDS, TETRAHEDRON, CUBES = SCENES = ("geodesic sphere", "solids", "recursive tetrahedron", "cubes")
 # Polygons of the tree and shadow polygons a frame: table 1 of the source.

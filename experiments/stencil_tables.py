@@ -52,13 +52,13 @@ from shadowjax.geometry.adjacent_edges import EdgeSides, edge_sides, find_adjace
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, PointLight
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.geometry.scenes.parts import Part
 from shadowjax.plotting import PALETTE, label, styled
 from shadowjax.plotting.style import new_figure
-from shadowjax.rays.brute import BruteForce
+from shadowjax.rays.brute import BruteForceCaster
+from shadowjax.scenes.parts import Part
 from shadowjax.shading import Surface, shade, trace_surface, valid_receivers
-from shadowjax.techniques import Exact
-from shadowjax.volume_technique import ShadowVolumes
+from shadowjax.techniques.exact import Exact
+from shadowjax.techniques.shadow_volumes import ShadowVolumes
 from shadowjax.volumes.bsp import build_bsp
 
 GENERATION, CAPPING, RENDERING = STAGES = ("generation", "capping", "rendering")
@@ -157,7 +157,7 @@ _shaded = eqx.filter_jit(lambda surface, light, lit: shade(surface, (light,), (l
 @eqx.filter_jit
 def _exact(mesh: Mesh, camera: Camera, light: PointLight, surface: Surface) -> tuple[jnp.ndarray, jnp.ndarray]:
     """Shadow rays, and where they matter."""
-    visible = Exact(BruteForce()).build(mesh, light, camera).visibility(surface.points, surface.normals)
+    visible = Exact(BruteForceCaster()).build(mesh, light, camera).visibility(surface.points, surface.normals)
     return visible, valid_receivers(surface, light)
 
 
@@ -176,7 +176,7 @@ def _counted(scene: Built, config: Config) -> Counted:
     pieces = [c[:n] for c, n in zip(np.asarray(tree.corners), np.asarray(tree.num_corners), strict=True)]
     planes = np.asarray(tree.planes)[np.asarray(tree.node)] * np.where(np.asarray(tree.turned), -1, 1)[:, None]
     sides = _padded(edge_sides(mesh), mesh)
-    surface = trace_surface(mesh, scene.camera, config.width, config.height, BruteForce())
+    surface = trace_surface(mesh, scene.camera, config.width, config.height, BruteForceCaster())
     triangles = jnp.asarray(np.asarray(mesh.vertices)[np.asarray(mesh.faces)])
     points, eye = surface.points.reshape(-1, 3), scene.camera.position
     rows: dict[str, list[Any]] = {

@@ -13,7 +13,7 @@ from matplotlib.collections import PolyCollection
 
 from shadowjax import Mesh, MeshEdges, PointLight, RayGrid, Receiver, plane_receiver, shadow_picture
 from shadowjax._types import Array
-from shadowjax.rays.brute import BruteForce
+from shadowjax.rays.brute import BruteForceCaster
 
 LAMP, WALL, HALF = 6.0, -1.5, 1.5  # metres: lamps from the middle, walls behind it, half a picture's side
 FINE = 8  # samples along a side of a pixel
@@ -60,7 +60,7 @@ class Wall:
 
         def loss(vertices: Array, position: Array) -> tuple[Array, Array]:
             moved, lamp = Mesh(vertices, mesh.faces, mesh.face_colors), PointLight(position, self.light.color)
-            picture = shadow_picture(moved, edges, lamp, self.view, BruteForce(), self.receiver)
+            picture = shadow_picture(moved, edges, lamp, self.view, BruteForceCaster(), self.receiver)
             return jnp.mean((picture - target) ** 2), picture
 
         # The slope in the lamp is not used: with it the program is the one that other experiments compile.

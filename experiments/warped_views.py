@@ -11,8 +11,8 @@ import numpy as np
 
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array
-from shadowjax.analysis.measure import beams, light_axes, warp_matrix, warp_point
-from shadowjax.warps.light_frustum import LightFrustum
+from shadowjax.evaluate.measure import beams, light_axes, warp_matrix, warp_point
+from shadowjax.theory.aliasing.light_frustum import LightFrustum
 
 _Result = TypeVar("_Result")
 

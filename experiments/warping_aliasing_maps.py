@@ -30,30 +30,30 @@ from matplotlib.figure import Figure
 from experiments.base import Claim
 from experiments.claiming import agrees, all_true, at_most
 from experiments.warped_views import check_count, check_gamma, in_double
+from shadowjax import scenes
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array
-from shadowjax.analysis.measure import AliasingMap, aliasing_map, footprint
-from shadowjax.geometry import scenes
+from shadowjax.evaluate.measure import AliasingMap, aliasing_map, footprint
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight
 from shadowjax.partitions.base import Partition
-from shadowjax.partitions.whole import Whole
-from shadowjax.partitions.z_split import ZSplit
+from shadowjax.partitions.cascades import Cascades
+from shadowjax.partitions.single import SingleMap
 from shadowjax.plotting import new_figure, show_image, styled
 from shadowjax.plotting.style import DIFFERENCE
-from shadowjax.rays.brute import BruteForce
+from shadowjax.rays.brute import BruteForceCaster
 from shadowjax.rays.ray_grid import RayGrid, camera_grid
 from shadowjax.shading import Surface, shade, trace_surface, valid_receivers
+from shadowjax.theory.aliasing.error import error_x, error_z, max_error_z
+from shadowjax.theory.aliasing.light_frustum import LightFrustum
 from shadowjax.warps.fit import NEAR_DISTANCES, LogarithmicFit, PerspectiveFit, light_frustum, visible_range
-from shadowjax.warps.light_frustum import LightFrustum
-from shadowjax.warps.prediction import error_x, error_z, max_error_z
 
 UNIFORM, LISPSM, BEST, LOGARITHMIC, SLICED = "uniform", "LiSPSM", "optimal n'", "logarithmic", "4 slices, optimal n'"
 RULES = {UNIFORM: "uniform", LISPSM: "lispsm", BEST: "minimax"}
 PARTITIONS: dict[str, Partition] = {
-    **{name: Whole(PerspectiveFit(rule)) for name, rule in RULES.items()},
-    LOGARITHMIC: Whole(LogarithmicFit()),
-    SLICED: ZSplit(4, warp=PerspectiveFit("minimax")),
+    **{name: SingleMap(PerspectiveFit(rule)) for name, rule in RULES.items()},
+    LOGARITHMIC: SingleMap(LogarithmicFit()),
+    SLICED: Cascades(4, warp=PerspectiveFit("minimax")),
 }
 SLICES = 4
 FINER = 64  # of the cells whose areas are compared, so that their size does not matter
@@ -150,7 +150,7 @@ def run(config: Config) -> Result:
     mesh, camera, gamma = scene.mesh, scene.camera, math.radians(config.gamma_deg)
     direction = math.cos(gamma) * camera.forward - math.sin(gamma) * camera.up
     light = DirectionalLight.create(direction, dtype=jnp.float64)
-    surface = trace_surface(mesh, camera, config.width, config.height, BruteForce())
+    surface = trace_surface(mesh, camera, config.width, config.height, BruteForceCaster())
     valid = np.asarray(eqx.filter_jit(valid_receivers)(surface, light))
     picture = shade(surface, (light,), (jnp.ones_like(surface.depth),))
     image_grid = camera_grid(camera, config.width, config.height)
@@ -161,7 +161,7 @@ def run(config: Config) -> Result:
         resolution = config.resolution // (2 if name == SLICED else 1)
         grids = partition.grids(mesh, light, camera, resolution)
         region = np.asarray(partition.select(grids, camera, surface.points))
-        planes = partition.planes(mesh, light, camera) if isinstance(partition, ZSplit) else jnp.stack([near, far])
+        planes = partition.planes(mesh, light, camera) if isinstance(partition, Cascades) else jnp.stack([near, far])
         parts = []
         for index, grid in enumerate(grids):
             found, cut = _measure(image_grid, grid, (_finer(image_grid), _finer(grid)), surface)

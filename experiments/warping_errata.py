@@ -27,13 +27,13 @@ from experiments.sliced_views import equal_planes
 from experiments.warped_views import check_count, in_double, log_range, measured_errors, views
 from shadowjax._checks import require
 from shadowjax._types import Array
-from shadowjax.analysis.aliasing import literal_error_z, overhead_max_z
-from shadowjax.analysis.measure import beams
-from shadowjax.partitions.z_split import iterate_adaptive
+from shadowjax.evaluate.measure import beams
+from shadowjax.partitions.cascades import iterate_adaptive
 from shadowjax.plotting import PALETTE, label, new_figure, styled
-from shadowjax.warps.light_frustum import LightFrustum
-from shadowjax.warps.lispsm import equalising, near_distance_from_eta
-from shadowjax.warps.prediction import error_z, max_error_x, max_error_z
+from shadowjax.theory.aliasing.error import error_z, max_error_x, max_error_z
+from shadowjax.theory.aliasing.light_frustum import LightFrustum
+from shadowjax.theory.aliasing.near_distances import equalising, near_distance_from_eta
+from shadowjax.theory.aliasing.overhead import literal_error_z, overhead_max_z
 
 PRINTED, TRUE = PALETTE[1], PALETTE[0]
 NEAR, FAR, PHI = 1.0, 100.0, 30.0

@@ -27,11 +27,11 @@ from experiments.claiming import agrees, all_true, at_most, equals
 from experiments.warped_views import check_count, check_view, in_double, log_range, measured_errors, views
 from shadowjax._checks import require
 from shadowjax._types import Array
-from shadowjax.analysis.aliasing import overhead_error_x, overhead_error_z
 from shadowjax.plotting import label, new_figure, series_style, styled
 from shadowjax.plotting.style import legend_below
-from shadowjax.warps.light_frustum import LightFrustum
-from shadowjax.warps.lispsm import near_distance_from_eta, wimmer
+from shadowjax.theory.aliasing.light_frustum import LightFrustum
+from shadowjax.theory.aliasing.near_distances import near_distance_from_eta, wimmer
+from shadowjax.theory.aliasing.overhead import overhead_error_x, overhead_error_z
 
 ETAS = (-1.0, -0.3, 0.0, 0.5, 1.0)
 NAMES = ("n' = ∞, uniform", "η = −0.3", "n' = n + √(fn), LiSPSM", "η = 0.5", "n' = n, PSM")

@@ -25,11 +25,11 @@ from experiments.claiming import agrees, all_true, equals
 from experiments.layout import mark_x
 from experiments.warped_views import check_count, check_view, in_double, log_range, measured_errors, views
 from shadowjax._types import Array
-from shadowjax.analysis.aliasing import overhead_max_x, overhead_max_z
-from shadowjax.analysis.storage import overhead_storage
 from shadowjax.plotting import PALETTE, label, new_figure, styled
-from shadowjax.warps.light_frustum import LightFrustum
-from shadowjax.warps.lispsm import eta_from_near_distance, near_distance_from_eta
+from shadowjax.theory.aliasing.light_frustum import LightFrustum
+from shadowjax.theory.aliasing.near_distances import eta_from_near_distance, near_distance_from_eta
+from shadowjax.theory.aliasing.overhead import overhead_max_x, overhead_max_z
+from shadowjax.theory.aliasing.storage import overhead_storage
 
 NAMES = {"x": "M_x, across the view", "z": "M_z, along it", "storage": "S = M_x·M_z"}
 MARKERS = ("o", "s", "D")

@@ -28,11 +28,11 @@ from experiments.claiming import agrees, equals
 from experiments.layout import mark_x
 from experiments.warped_views import check_count, check_view, in_double, measured_errors, views
 from shadowjax._types import Array
-from shadowjax.analysis.measure import frustum_corners, light_axes
+from shadowjax.evaluate.measure import frustum_corners, light_axes
 from shadowjax.plotting import PALETTE, label, new_figure, styled
-from shadowjax.warps.light_frustum import LightFrustum
-from shadowjax.warps.lispsm import equalising, generalised
-from shadowjax.warps.minimax import minimax
+from shadowjax.theory.aliasing.light_frustum import LightFrustum
+from shadowjax.theory.aliasing.near_distances import equalising, generalised
+from shadowjax.theory.aliasing.optimal import minimax
 
 STEPS = 60  # halvings of a bracket of n'
 

@@ -24,12 +24,12 @@ from experiments.layout import mark_x
 from experiments.warped_views import check_count, check_gamma, check_view, in_double, log_range, measured_errors, views
 from shadowjax._checks import require
 from shadowjax._types import Array
-from shadowjax.analysis.aliasing import least_error_depth, literal_error_z
 from shadowjax.plotting import label, new_figure, series_style, styled
 from shadowjax.plotting.style import legend_below
-from shadowjax.warps.light_frustum import LightFrustum
-from shadowjax.warps.lispsm import equalising
-from shadowjax.warps.prediction import error_z
+from shadowjax.theory.aliasing.error import error_z
+from shadowjax.theory.aliasing.light_frustum import LightFrustum
+from shadowjax.theory.aliasing.near_distances import equalising
+from shadowjax.theory.aliasing.overhead import least_error_depth, literal_error_z
 
 EVERY = 12  # depths between markers
 ROWS = 2**20

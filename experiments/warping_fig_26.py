@@ -24,9 +24,9 @@ from experiments.sliced_views import equal_planes, measured_storage
 from experiments.warped_views import check_count, check_view, in_double, log_range, views
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array
-from shadowjax.analysis.storage import storage_logarithmic, storage_z_partitions
 from shadowjax.plotting import label, new_figure, series_style, styled
-from shadowjax.warps.light_frustum import LightFrustum
+from shadowjax.theory.aliasing.light_frustum import LightFrustum
+from shadowjax.theory.aliasing.storage import storage_logarithmic, storage_z_partitions
 
 
 @dataclass(frozen=True)

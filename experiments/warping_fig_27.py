@@ -31,22 +31,22 @@ from experiments.layout import mark_x
 from experiments.warped_views import check_count, check_gamma, check_view, in_double, log_range
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array, Points
-from shadowjax.analysis.seams import seam_jump, seam_steps, texel_picture, texel_widths
-from shadowjax.analysis.storage import slices
+from shadowjax.evaluate.seams import seam_jump, seam_steps, texel_picture, texel_widths
 from shadowjax.filters.hard import Hard
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.geometry.scenes.base import to_mesh
-from shadowjax.geometry.scenes.parts import Part
-from shadowjax.geometry.scenes.primitives import box
-from shadowjax.partitions.split_rules import adaptive_splits, logarithmic_splits
-from shadowjax.partitions.z_split import ZSplit
+from shadowjax.partitions.cascades import Cascades
 from shadowjax.plotting import PALETTE, label, new_figure, show_image, styled
 from shadowjax.rays.ray_grid import RayGrid, camera_grid
-from shadowjax.techniques import MappedShadows, ShadowMapping
+from shadowjax.scenes.base import to_mesh
+from shadowjax.scenes.parts import Part
+from shadowjax.scenes.primitives import box
+from shadowjax.techniques.shadow_mapping import MappedShadows, ShadowMapping
+from shadowjax.theory.aliasing.error import error_x, error_z
+from shadowjax.theory.aliasing.split_rules import adaptive_splits, logarithmic_splits
+from shadowjax.theory.aliasing.storage import slices
 from shadowjax.warps.fit import NEAR_DISTANCES, PerspectiveFit, light_frustum
-from shadowjax.warps.prediction import error_x, error_z
 
 PARALLEL, ACROSS, ADAPTIVE = "light along the view, uniform", "light across, LiSPSM", "light along, eq. 55"
 PADDED = 1e-3  # by which a map reaches beyond its slice on each side
@@ -196,7 +196,7 @@ def _predict(camera: Camera, light: DirectionalLight, planes: Array, rule: str, 
 def _setup(config: Config, mesh: Mesh, camera: Camera, gamma_deg: float, planes: Array, rule: str) -> Setup:
     gamma = math.radians(gamma_deg)
     light = DirectionalLight.create(math.cos(gamma) * camera.forward - math.sin(gamma) * camera.up, dtype=jnp.float64)
-    partition = ZSplit.at(planes, warp=PerspectiveFit(rule, tight=False), choose="depth")
+    partition = Cascades.at(planes, warp=PerspectiveFit(rule, tight=False), choose="depth")
     shadows = ShadowMapping(Hard(), config.resolution, partition=partition).build(mesh, light, camera)
     points, met = floor_points(camera, camera_grid(camera, config.width, config.height))
     upward = jnp.broadcast_to(jnp.asarray([0.0, 1.0, 0.0]), points.shape)

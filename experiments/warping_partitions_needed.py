@@ -27,8 +27,8 @@ from experiments.claiming import agrees, all_true, equals
 from experiments.sliced_views import measured_storage
 from experiments.warped_views import check_count, check_view, in_double, log_range, views
 from shadowjax._checks import require
-from shadowjax.analysis.storage import best_parallel_partitions, partitions_needed, storage_parallel
 from shadowjax.plotting import PALETTE, label, new_figure, styled
+from shadowjax.theory.aliasing.storage import best_parallel_partitions, partitions_needed, storage_parallel
 
 
 @dataclass(frozen=True)

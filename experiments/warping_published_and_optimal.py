@@ -29,10 +29,10 @@ from experiments.layout import mark_x
 from experiments.warped_views import check_count, check_view, in_double, refined_largest, views
 from shadowjax._types import Array
 from shadowjax.plotting import PALETTE, label, new_figure, styled
-from shadowjax.warps.light_frustum import SECTIONS, LightFrustum
-from shadowjax.warps.lispsm import generalised, wimmer_over_sine
-from shadowjax.warps.minimax import minimax
-from shadowjax.warps.prediction import max_error_z
+from shadowjax.theory.aliasing.error import max_error_z
+from shadowjax.theory.aliasing.light_frustum import SECTIONS, LightFrustum
+from shadowjax.theory.aliasing.near_distances import generalised, wimmer_over_sine
+from shadowjax.theory.aliasing.optimal import minimax
 
 RULES = {"eqs 42 and 44": PALETTE[0], "eqs 42 and 43": PALETTE[2], "Wimmer: (n + √(fn))/sin γ": PALETTE[4]}
 SQUARED, SINE, WIMMER = RULES

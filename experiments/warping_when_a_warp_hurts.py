@@ -38,10 +38,10 @@ from experiments.warped_views import (
 from shadowjax._types import Array
 from shadowjax.plotting import PALETTE, label, new_figure, styled
 from shadowjax.plotting.style import DIFFERENCE
-from shadowjax.warps.light_frustum import LightFrustum
-from shadowjax.warps.lispsm import generalised, uniform
-from shadowjax.warps.minimax import least_storage, minimax
-from shadowjax.warps.prediction import storage_factor
+from shadowjax.theory.aliasing.error import storage_factor
+from shadowjax.theory.aliasing.light_frustum import LightFrustum
+from shadowjax.theory.aliasing.near_distances import generalised, uniform
+from shadowjax.theory.aliasing.optimal import least_storage, minimax
 
 CURVES: tuple[str, ...] = ("eqs 42 and 44", "eqs 42 and 43", "least M_z", "least storage")
 PUBLISHED, SINE, MINIMAX, LEAST = CURVES

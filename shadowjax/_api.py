@@ -1,8 +1,7 @@
 """The names that `import shadowjax` offers, from where they live; loaded when the first of them is asked for."""
 
-from shadowjax._types import cast
-from shadowjax.adaptive import AdaptiveShadowMapping
-from shadowjax.filters.bias import Bias
+from shadowjax._types import astype
+from shadowjax.bias.rule import Bias
 from shadowjax.filters.brabec_seidel import PropagatedNeighbours, Supersampled
 from shadowjax.filters.convolution import Convolution, FourierStep, MeanDepthConvolution
 from shadowjax.filters.exponential import Exponential
@@ -36,22 +35,26 @@ from shadowjax.geometry.light import DirectionalLight, PointLight, SpotLight
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.mesh_files import load
 from shadowjax.geometry.outlines import MeshEdges, mesh_edges
-from shadowjax.geometry.scenes import SCENES, Scene
-from shadowjax.geometry.scenes import make as make_scene
 from shadowjax.maps.shadow_map import ShadowMap, build_shadow_map
-from shadowjax.partitions.cube import Cube
-from shadowjax.partitions.faces import Faces
+from shadowjax.partitions.cascades import Cascades
+from shadowjax.partitions.cube import CubeMap
+from shadowjax.partitions.faces import FacePartition
 from shadowjax.partitions.registry import PARTITIONS, make_partition
-from shadowjax.partitions.whole import Whole
-from shadowjax.partitions.z_split import ZSplit
-from shadowjax.rays.brute import BruteForce
-from shadowjax.rays.coverage import coverage_depth, coverage_planes
+from shadowjax.partitions.single import SingleMap
+from shadowjax.rays.brute import BruteForceCaster
 from shadowjax.rays.ray import Hit, Rays, intersect
 from shadowjax.rays.ray_grid import RayGrid, camera_grid
-from shadowjax.rays.shadow_picture import Receiver, plane_receiver, shadow_picture
+from shadowjax.scenes import SCENES, Scene
+from shadowjax.scenes import make as make_scene
 from shadowjax.shading import Material, shade, trace_surface, visibility_on
-from shadowjax.techniques import TECHNIQUES, Exact, ShadowMapping, make_technique
-from shadowjax.volume_technique import JitteredLights, ShadowVolumes
+from shadowjax.silhouettes.coverage import coverage_depth, coverage_planes
+from shadowjax.silhouettes.shadow_picture import Receiver, plane_receiver, shadow_picture
+from shadowjax.techniques.adaptive import AdaptiveShadowMapping
+from shadowjax.techniques.exact import Exact
+from shadowjax.techniques.jittered import JitteredLights
+from shadowjax.techniques.registry import TECHNIQUES, make_technique
+from shadowjax.techniques.shadow_mapping import ShadowMapping
+from shadowjax.techniques.shadow_volumes import ShadowVolumes
 from shadowjax.volumes.stencil import Stencil
 from shadowjax.warps.fit import LogarithmicFit, PerspectiveFit
 from shadowjax.warps.stable import StableFit
@@ -64,16 +67,17 @@ __all__ = [
     "AdaptiveShadowMapping",
     "Bias",
     "BilinearPercentageCloser",
-    "BruteForce",
+    "BruteForceCaster",
     "Camera",
+    "Cascades",
     "ContactHardening",
     "Convolution",
-    "Cube",
+    "CubeMap",
     "DirectionalLight",
     "Exact",
     "Exponential",
     "ExponentialVariance",
-    "Faces",
+    "FacePartition",
     "FixedNeighbour",
     "FourierStep",
     "Hard",
@@ -101,6 +105,7 @@ __all__ = [
     "ShadowMap",
     "ShadowMapping",
     "ShadowVolumes",
+    "SingleMap",
     "SpotLight",
     "StableFit",
     "Stencil",
@@ -108,12 +113,10 @@ __all__ = [
     "Supersampled",
     "UniformFit",
     "Variance",
-    "Whole",
-    "ZSplit",
+    "astype",
     "bilinear_percentage_closer",
     "build_shadow_map",
     "camera_grid",
-    "cast",
     "composite_attenuation",
     "coverage_depth",
     "coverage_planes",

@@ -48,7 +48,7 @@ def as_float_array(value: ArrayLike, dtype: Any = None) -> Float[Array, "..."]:
     return jnp.asarray(value, dtype=dtype)
 
 
-def cast(tree: _Tree, dtype: Any) -> _Tree:
+def astype(tree: _Tree, dtype: Any) -> _Tree:
     """Copy of any object of this package with every floating array in `dtype`.
 
     Raises:
@@ -63,5 +63,5 @@ def cast(tree: _Tree, dtype: Any) -> _Tree:
 
 __all__ = [
     "Array", "ArrayLike", "Bool", "Float", "Int", "Points", "PyTree", "Scalar", "UInt", "Vector2", "Vector3",
-    "as_float_array", "cast", "default_dtype", "floating_dtype",
+    "as_float_array", "astype", "default_dtype", "floating_dtype",
 ]  # fmt: skip

@@ -17,7 +17,7 @@ from shadowjax.geometry.smoothing import corner_normals
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.ray import surface_points
 from shadowjax.rays.ray_grid import camera_grid
-from shadowjax.techniques import Shadows
+from shadowjax.techniques.base import Shadows
 
 # Receivers looked up together: bounds memory, large enough that loops cost nothing.
 RECEIVER_CHUNK = 1 << 18

@@ -5,7 +5,7 @@ from ledger_tables import codes, table, text
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from shadowjax.analysis.capability import GRADES, PARAMETERS, capability_table
+from shadowjax.evaluate.capability import GRADES, PARAMETERS, capability_table
 
 
 class CapabilityTable(SphinxDirective):

@@ -16,7 +16,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 import shadowjax as sj
-from shadowjax.analysis.equations import KINDS, SOURCES, Equation, Inputs, ledger
+from shadowjax.ledger.equation import KINDS, SOURCES, Equation, Inputs, ledger
 
 CODE = re.compile(r"(`[^`]+`|(?<!\S)--\w[\w-]*)")
 GALLERY = Path(__file__).parents[1] / "_static" / "gallery"
@@ -104,7 +104,7 @@ def package_functions(route: Any, depth: int = 4) -> Iterator[str]:
             yield f"{home.removeprefix('shadowjax.')}.{thing.__name__}"
 
 
-IGNORED = ("shadowjax.analysis.inputs", "shadowjax.analysis.equations")
+IGNORED = ("shadowjax.ledger.inputs", "shadowjax.ledger.equation")
 
 
 def functions_of(equation: Equation) -> list[str]:

@@ -73,10 +73,10 @@ def report(chosen: options.Report) -> int:
 
     check_report(chosen.out)  # complain before the work, not after it
     picture = chosen.picture
-    equations = () if chosen.equations == ("none",) else chosen.equations
+    equation = () if chosen.equations == ("none",) else chosen.equations
     settings = Settings(
         chosen.techniques or DEFAULT_TECHNIQUES, picture.width, picture.height, picture.resolution, picture.samples,
-        equations, chosen.sweep,
+        equation, chosen.sweep,
     )  # fmt: skip
     caster = _caster(picture)
     scene = open_scene(chosen.scene, chosen.setting, picture)
@@ -110,7 +110,7 @@ def render(chosen: options.Render) -> int:
     """Write one picture."""
     from shadowjax.geometry.smoothing import smooth_corner_groups
     from shadowjax.shading import shade, trace_surface, visibility_on
-    from shadowjax.techniques import make_technique
+    from shadowjax.techniques.registry import make_technique
 
     require(bool(chosen.output), "say where to write the picture: -o image.png")
     require(
@@ -138,9 +138,9 @@ def render(chosen: options.Render) -> int:
 
 def compare(chosen: options.Compare) -> int:
     """Measure techniques and show or write their records."""
-    from shadowjax.analysis.compare import compare as run_compare
+    from shadowjax.evaluate.compare import compare as run_compare
     from shadowjax.report.advisor import bytes_text
-    from shadowjax.techniques import TECHNIQUES
+    from shadowjax.techniques.registry import TECHNIQUES
 
     names = tuple(chosen.techniques or TECHNIQUES)
     if chosen.presets:
@@ -183,21 +183,21 @@ def compare(chosen: options.Compare) -> int:
 
 def verify(chosen: options.Verify) -> int:
     """Check equations; 1 if one fails."""
-    from shadowjax.analysis import equations
+    from shadowjax.ledger import equation
 
-    known = equations.ledger()
+    known = equation.ledger()
     wanted = list(known.values())
     for prefix in chosen.only:
         require(
             any(one.id.startswith(prefix) for one in known.values()),
-            f"no equation is called {prefix!r}; names begin with one of {', '.join(equations.SOURCES)}",
+            f"no equation is called {prefix!r}; names begin with one of {', '.join(equation.SOURCES)}",
         )
     if chosen.only:
         wanted = [one for one in wanted if one.id.startswith(chosen.only)]
     with Steps(f"verify {len(wanted)} equations") as steps:
-        results = equations.verify(wanted, lambda result: steps(f"{result.id} {'' if result.passed else 'FAILED'}"))
+        results = equation.verify(wanted, lambda result: steps(f"{result.id} {'' if result.passed else 'FAILED'}"))
     failed = [result for result in results if not result.passed]
-    if not _write_json(chosen.json, equations.to_json(results)):
+    if not _write_json(chosen.json, equation.to_json(results)):
         rows = [
             (r.id, r.source, r.verdict, r.kind, len(r.checks), "passed" if r.passed else "FAILED") for r in results
         ]  # fmt: skip
@@ -234,7 +234,7 @@ def presets(chosen: options.Presets) -> int:
 
 def scenes(chosen: options.Scenes) -> int:
     """List the scenes."""
-    from shadowjax.geometry.scenes import SCENES
+    from shadowjax.scenes import SCENES
 
     names = ("name", "description", "source", "default_triangles", "min_triangles", "max_triangles")
     if _write_json(chosen.json, [{name: getattr(family, name) for name in names} for family in SCENES.values()]):
@@ -268,7 +268,7 @@ def _short(value: Any) -> str:
 
 def near_distance(chosen: options.NearDistance) -> int:
     """Find n'; in float64, as the optimum is flat."""
-    from shadowjax.optimize.near_distance import near_distance as find
+    from shadowjax.optimize.analytic.near_distance import near_distance as find
 
     phi, gamma = _angles(chosen)
     with jax.enable_x64(True):
@@ -278,8 +278,8 @@ def near_distance(chosen: options.NearDistance) -> int:
 
 def splits(chosen: options.Splits) -> int:
     """Find splits, in float64; together with every n', or under a limit on seams, where that is asked for."""
-    from shadowjax.optimize.joint import joint_splits
-    from shadowjax.optimize.splits import splits as find
+    from shadowjax.optimize.analytic.joint import joint_splits
+    from shadowjax.optimize.analytic.splits import splits as find
 
     phi, gamma = _angles(chosen)
     limit = chosen.seam_limit
@@ -294,8 +294,9 @@ def splits(chosen: options.Splits) -> int:
 
 def bias_search(chosen: options.BiasSearch) -> int:
     """Search the bias of a technique's filter."""
-    from shadowjax.optimize.bias import best_bias
-    from shadowjax.techniques import ShadowMapping, make_technique
+    from shadowjax.optimize.viewed.bias import best_bias
+    from shadowjax.techniques.registry import make_technique
+    from shadowjax.techniques.shadow_mapping import ShadowMapping
 
     technique = make_technique(chosen.technique, chosen.search.resolution)
     if not isinstance(technique, ShadowMapping):
@@ -309,7 +310,7 @@ def bias_search(chosen: options.BiasSearch) -> int:
 
 def exponent_search(chosen: options.ExponentSearch) -> int:
     """Search the numbers of an averaging filter."""
-    from shadowjax.optimize.exponent import best_numbers
+    from shadowjax.optimize.viewed.filter_numbers import best_numbers
 
     with Steps("optimize exponent") as steps:
         views = _views(chosen.search, chosen.search.scenes, steps)
@@ -325,7 +326,7 @@ def exponent_search(chosen: options.ExponentSearch) -> int:
 
 def taps_search(chosen: options.TapsSearch) -> int:
     """Search extra depths, or learn offsets of taps."""
-    from shadowjax.optimize.taps import best_depths, best_taps
+    from shadowjax.optimize.viewed.taps import best_depths, best_taps
 
     shared = sorted(set(chosen.search.scenes) & set(chosen.test_scenes))
     require(not shared, f"--test-scenes must differ from --scenes; both have {', '.join(shared)}")
@@ -345,7 +346,7 @@ def taps_search(chosen: options.TapsSearch) -> int:
 
 def _views(search: options.SearchOptions, names: Sequence[str], steps: Steps) -> tuple[Any, ...]:
     """Scenes looked at, each with its map."""
-    from shadowjax.optimize.viewed import view_scene
+    from shadowjax.optimize.viewed.views import view_scene
 
     picture = options.PictureOptions(search.width, search.height, 1, search.resolution)
     scenes = [open_scene(name, options.SceneOptions(), picture) for name in names]

@@ -3,12 +3,12 @@
 import math
 from pathlib import Path
 
+from shadowjax import scenes
 from shadowjax._checks import require, require_memory
 from shadowjax._printable import printable
 from shadowjax.cli.options import PictureOptions, SceneOptions
-from shadowjax.geometry import scenes, staging
 from shadowjax.geometry.mesh_files import load
-from shadowjax.geometry.scenes import Scene
+from shadowjax.scenes import Scene, staging
 
 # By `command time -v shadowjax render plate-over-plane --technique hard`: the resident memory grows by 246 bytes a ray
 # from 512² to 1024² pixels of 2 × 2 samples, and by 20 bytes a texel from maps of 1024² to 2048². Others take more.

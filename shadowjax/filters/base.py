@@ -93,7 +93,7 @@ class Filter(Checked):
         return True
 
     @property
-    def takes_outlines(self) -> bool:
+    def supports_coverage(self) -> bool:
         """Whether the filter averages its codes over the area of texels that outlines cross (`ShadowMap.outlines`)."""
         return False
 

@@ -9,8 +9,8 @@ import numpy as np
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array, Float
-from shadowjax.filters.encoded import Encoded, Values
 from shadowjax.filters.prefilter import Prefilter
+from shadowjax.filters.prefiltered import Prefiltered, Values
 
 Numbers = Float[Array, "*points"]
 
@@ -133,7 +133,7 @@ class FourierStep(Checked):
         return jnp.clip(self.scale * series, 0.0, 1.0)
 
 
-class Convolution(Encoded):
+class Convolution(Prefiltered):
     """Convolution shadow maps. Depths are parts of the map's range, [0, 1].
 
     Attributes:
@@ -163,7 +163,7 @@ class Convolution(Encoded):
         return 0.5
 
 
-class MeanDepthConvolution(Encoded):
+class MeanDepthConvolution(Prefiltered):
     """XCSM: the series of the averaged depth, its bases made during the lookup. One number a texel.
 
     The mean of the bases is not the base of the mean, so this tests the receiver against the mean depth: blurred shadow

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 from shadowjax._checked import checked
 from shadowjax._checks import POSITIVE, require_number
 from shadowjax._types import Array, Float
-from shadowjax.filters.encoded import Encoded, Values
 from shadowjax.filters.exponential import check_exponent
 from shadowjax.filters.prefilter import Prefilter
+from shadowjax.filters.prefiltered import Prefiltered, Values
 from shadowjax.filters.variance import _chebyshev, check_spread, check_step, linear_step, surface_slopes
 
 Numbers = Float[Array, "*points"]
@@ -66,7 +66,7 @@ def warped_bound(values: Values, depth: Numbers, exponent: float, min_variance: 
     return jnp.where(behind, bound, jnp.ones_like(bound))
 
 
-class ExponentialVariance(Encoded):
+class ExponentialVariance(Prefiltered):
     """Exponential variance shadow maps: EVSM2 with a positive exponent alone, EVSM4 with both.
 
     Attributes:
@@ -128,7 +128,7 @@ class ExponentialVariance(Encoded):
         return 2 * len(self.exponents)
 
     @property
-    def takes_outlines(self) -> bool:
+    def supports_coverage(self) -> bool:
         """Without a footprint, whose slopes are differences of neighbours."""
         return self.footprint == 0
 

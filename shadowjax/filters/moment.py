@@ -9,8 +9,8 @@ from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice
 from shadowjax._numerics import safe_divide, safe_sqrt
 from shadowjax._types import Array, Float
-from shadowjax.filters.encoded import Encoded, Values
 from shadowjax.filters.prefilter import Prefilter
+from shadowjax.filters.prefiltered import Prefiltered, Values
 from shadowjax.filters.variance import check_step, linear_step
 
 Numbers = Float[Array, "*points"]
@@ -182,7 +182,7 @@ def _shadow_of_four_points(moments: Values, t: Numbers) -> Numbers:
     return jnp.clip(jnp.where(x < t, both, end), 0.0, 1.0)
 
 
-class Moments(Encoded):
+class Moments(Prefiltered):
     """Moment shadow maps with four moments. Depths are mapped to [−1, 1], where the moments are smallest.
 
     Attributes:

@@ -27,8 +27,8 @@ class Prefilter(Checked):
         kernel: "gaussian" or "box".
         sigma: Standard deviation of the Gaussian, texels; a fifth of the size if None.
         sampling: "nearest" reads one texel, "bilinear" four. The others average over the pixel's footprint on the map,
-            where lookups know it (`MappedShadows.seen_by`; otherwise over a texel): "trilinear" with a mip chain,
-            "anisotropic" with several reads of it, "summed-area" over the box round the footprint.
+            where lookups know it (`MappedShadows.with_pixel_footprints`; otherwise over a texel): "trilinear" with a
+            mip chain, "anisotropic" with several reads of it, "summed-area" over the box round the footprint.
         max_anisotropy: Reads of an anisotropic lookup, ≥ 1.
     """
 

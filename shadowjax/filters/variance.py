@@ -6,8 +6,8 @@ import jax.numpy as jnp
 from shadowjax._checked import checked
 from shadowjax._checks import require, require_value
 from shadowjax._types import Array, Float
-from shadowjax.filters.encoded import Encoded, Values
 from shadowjax.filters.prefilter import Prefilter
+from shadowjax.filters.prefiltered import Prefiltered, Values
 
 # E[x²] along one axis of footprints of depth inside a texel, texels².
 FOOTPRINTS = {"point": 0.0, "texel": 1 / 12, "disc": 1 / 16, "tent": 1 / 6, "gaussian": 1 / 4}
@@ -142,7 +142,7 @@ def check_spread(min_variance: float, footprint: float, slope_limit: float) -> N
     require(slope_limit >= 0, f"slope_limit must not be negative; got {slope_limit}")
 
 
-class Variance(Encoded):
+class Variance(Prefiltered):
     """Variance shadow maps. Depths are parts of the map's range, [0, 1].
 
     Attributes:
@@ -182,7 +182,7 @@ class Variance(Encoded):
         return 2
 
     @property
-    def takes_outlines(self) -> bool:
+    def supports_coverage(self) -> bool:
         """Without a footprint, whose slopes are differences of neighbours."""
         return self.footprint == 0
 

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 
 from shadowjax._checked import checked
 from shadowjax._checks import require_choice
+from shadowjax._numerics import far_away
 from shadowjax._types import Array, Bool, Float, Int
-from shadowjax.rays.ray import far_away
 
 BORDERS = ("lit", "clamp", "octahedral")
 

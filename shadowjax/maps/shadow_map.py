@@ -5,13 +5,13 @@ import equinox as eqx
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require_choice
 from shadowjax._types import Array, Float, Int
+from shadowjax.geometry.light_space import OctahedralSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.outlines import MeshEdges
 from shadowjax.rays.caster import Caster
-from shadowjax.rays.coverage import OutlinePieces, default_room, outline_pieces
 from shadowjax.rays.layers import LAYERS, back_layer, second_layer
-from shadowjax.rays.light_space import OctahedralSpace
 from shadowjax.rays.ray_grid import RayGrid
+from shadowjax.silhouettes.coverage import OutlinePieces, default_room, outline_pieces
 
 
 class ShadowMap(Checked):

@@ -14,16 +14,18 @@ from shadowjax.rays.ray_grid import RayGrid
 class Partition(Checked):
     """Splits what a light must cover into regions, each with a shadow map of its own."""
 
-    _remedy_: ClassVar = "make_partition(name) makes one; or give Whole(), ZSplit(4), Faces() or Cube()"
+    _remedy_: ClassVar = (
+        "make_partition(name) makes one; or give SingleMap(), Cascades(4), FacePartition() or CubeMap()"
+    )
 
-    def placed(self, mesh: Mesh, light: Light, camera: Camera) -> "Partition":
+    def fit(self, mesh: Mesh, light: Light, camera: Camera) -> "Partition":
         """This partition with what it reads off the scene and the view fixed; itself where there is nothing to fix.
 
         A technique places its partition once, then asks it for grids and, later, for the region of each point.
         """
         return self
 
-    def reaching(self, texels: float) -> "Partition":
+    def with_margin(self, texels: float) -> "Partition":
         """This partition for filters that read so many texels away; itself where regions do not border on each other.
 
         Args:

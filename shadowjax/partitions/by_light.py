@@ -5,7 +5,7 @@ from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, Light
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.partitions.base import Partition
-from shadowjax.partitions.whole import Whole
+from shadowjax.partitions.single import SingleMap
 from shadowjax.rays.ray_grid import RayGrid
 
 
@@ -20,19 +20,19 @@ class ByLight(Partition):
     """
 
     directional: Partition
-    local: Partition = Whole()
+    local: Partition = SingleMap()
 
-    def reaching(self, texels: float) -> "ByLight":
+    def with_margin(self, texels: float) -> "ByLight":
         """Both for filters that read so many texels away."""
-        return ByLight(self.directional.reaching(texels), self.local.reaching(texels))
+        return ByLight(self.directional.with_margin(texels), self.local.with_margin(texels))
 
     def of(self, light: Light) -> Partition:
         """The partition of a light."""
         return self.directional if isinstance(light, DirectionalLight) else self.local
 
-    def placed(self, mesh: Mesh, light: Light, camera: Camera) -> Partition:
+    def fit(self, mesh: Mesh, light: Light, camera: Camera) -> Partition:
         """The partition of this light, placed."""
-        return self.of(light).placed(mesh, light, camera)
+        return self.of(light).fit(mesh, light, camera)
 
     def grids(self, mesh: Mesh, light: Light, camera: Camera, resolution: int) -> tuple[RayGrid, ...]:
         """The grids of the partition of this light."""

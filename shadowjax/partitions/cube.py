@@ -12,10 +12,10 @@ from shadowjax._checks import require, require_int
 from shadowjax._types import Array, Float, Int, Points, Vector3
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, Light, PointLight, SpotLight
+from shadowjax.geometry.light_space import PerspectiveSpace, farthest
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.partitions.base import Partition
-from shadowjax.partitions.whole import Whole
-from shadowjax.rays.light_space import PerspectiveSpace, farthest
+from shadowjax.partitions.single import SingleMap
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.warps.uniform import UniformWarp
@@ -23,7 +23,7 @@ from shadowjax.warps.uniform import UniformWarp
 NAMES = ("+x", "-x", "+y", "-y", "+z", "-z")
 
 
-class Cube(Partition):
+class CubeMap(Partition):
     """Six square maps that together see every direction from a light.
 
     A point belongs to the face that its direction from the light points through: the axis of the largest component.
@@ -35,7 +35,7 @@ class Cube(Partition):
     Faces share their lines of texels: two neighbours have the same coordinate along their common edge. Texels are of
     one size on the cube, so between 1 and 3√3 times finer in solid angle towards the corners.
 
-    For a directional light all rays are parallel and one map serves: the cube is then `Whole`.
+    For a directional light all rays are parallel and one map serves: the cube is then `SingleMap`.
 
     Attributes:
         margin: Texels that each map has beyond every edge of its face, ≥ 0; a technique sets it by `reaching`.
@@ -48,9 +48,9 @@ class Cube(Partition):
     def __check_init__(self):
         require_int(self.margin, "margin", 0)
 
-    def reaching(self, texels: float) -> "Cube":
+    def with_margin(self, texels: float) -> "CubeMap":
         """The cube with a margin for a filter that reads so many texels away."""
-        return Cube(2 * math.ceil(texels) + 1)
+        return CubeMap(2 * math.ceil(texels) + 1)
 
     def grids(self, mesh: Mesh, light: Light, camera: Camera, resolution: int) -> tuple[RayGrid, ...]:
         """One grid a face, in the order of `NAMES`; one alone for a directional light.
@@ -59,7 +59,7 @@ class Cube(Partition):
             ValueError: If the margin leaves no texel for the faces themselves, or the light is of an unknown kind.
         """
         if isinstance(light, DirectionalLight):
-            return Whole().grids(mesh, light, camera, resolution)
+            return SingleMap().grids(mesh, light, camera, resolution)
         if not isinstance(light, PointLight | SpotLight):
             raise ValueError(f"a cube needs a light of the package; got {type(light).__name__}")
         inner = resolution - 2 * self.margin
@@ -115,4 +115,4 @@ def _position(grids: tuple[RayGrid, ...]) -> Vector3:
     return space.position
 
 
-__all__ = ["NAMES", "Cube", "face_frames", "face_of"]
+__all__ = ["NAMES", "CubeMap", "face_frames", "face_of"]

@@ -9,9 +9,9 @@ from shadowjax._numerics import dot, safe_divide
 from shadowjax._types import Array, Bool, Float, Int, Points, Scalar, Vector2
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, Light
+from shadowjax.geometry.light_space import LightSpace, farthest, light_space
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.partitions.base import Partition
-from shadowjax.rays.light_space import LightSpace, farthest, light_space
 from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.warps.fit import padded, visible_range
 from shadowjax.warps.perspective import PerspectiveWarp
@@ -26,7 +26,7 @@ FARTHEST_CENTRE = 8.0  # lengths of a face behind it at which the centre of its 
 Numbers = Float[Array, "..."]
 
 
-class Faces(Partition):
+class FacePartition(Partition):
     """One map for each side face of the camera's frustum through which rays enter at their least depth.
 
     A ray of the light crosses the frustum from one face to another, and its texel should be as fine as the finest pixel
@@ -56,7 +56,10 @@ class Faces(Partition):
             ValueError: If the light is not directional.
         """
         kind = type(light).__name__
-        require(isinstance(light, DirectionalLight), f"faces need a directional light; got {kind}: use ZSplit or Whole")
+        require(
+            isinstance(light, DirectionalLight),
+            f"faces need a directional light; got {kind}: use Cascades or SingleMap",
+        )
         lower, upper = mesh.bounds()
         space = light_space(light, camera.forward, lower, upper)
         near, far = visible_range(camera, mesh) if self.tight else (camera.near, camera.far)
@@ -242,4 +245,4 @@ def _length(vector: Vector2) -> Scalar:
     return jnp.sqrt(jnp.sum(vector * vector) + float(jnp.finfo(vector.dtype).tiny))
 
 
-__all__ = ["NAMES", "Faces", "face_near_distance", "face_warp", "faces_that_apply", "skewed_warp"]
+__all__ = ["NAMES", "FacePartition", "face_near_distance", "face_warp", "faces_that_apply", "skewed_warp"]

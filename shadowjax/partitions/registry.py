@@ -5,20 +5,20 @@ from collections.abc import Callable
 from shadowjax._checked import checked
 from shadowjax._checks import require_choice
 from shadowjax.partitions.base import Partition
-from shadowjax.partitions.cube import Cube
-from shadowjax.partitions.faces import Faces
-from shadowjax.partitions.whole import Whole
-from shadowjax.partitions.z_split import ZSplit
+from shadowjax.partitions.cascades import Cascades
+from shadowjax.partitions.cube import CubeMap
+from shadowjax.partitions.faces import FacePartition
+from shadowjax.partitions.single import SingleMap
 from shadowjax.warps.stable import StableFit
 
 PARTITIONS: dict[str, Callable[[], Partition]] = {
-    "whole": Whole,
-    "z": ZSplit,
-    "z-blended": lambda: ZSplit(blend=0.2),
-    "z-seen": lambda: ZSplit(rule="seen"),
-    "z-stable": lambda: ZSplit(warp=StableFit(), tight=False, choose="depth"),
-    "faces": Faces,
-    "cube": Cube,
+    "whole": SingleMap,
+    "z": Cascades,
+    "z-blended": lambda: Cascades(blend=0.2),
+    "z-seen": lambda: Cascades(rule="seen"),
+    "z-stable": lambda: Cascades(warp=StableFit(), tight=False, choose="depth"),
+    "faces": FacePartition,
+    "cube": CubeMap,
 }
 
 

@@ -30,7 +30,7 @@ def pareto(records: Sequence[Any], title: str = "", width: float = 10.4, height:
     """Two charts over one axis of error; those on the fronts are named, the rest are grey.
 
     Args:
-        records: Of `analysis.compare`; techniques without a map are left out, but for the time of the exact ones.
+        records: Of `evaluate.compare`; techniques without a map are left out, but for the time of the exact ones.
         title: Over the left chart, plain text.
         width: Inches.
         height: Inches.

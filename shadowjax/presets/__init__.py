@@ -8,7 +8,8 @@ from shadowjax.presets import engines
 from shadowjax.presets.base import Parameter, Preset
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import default_caster
-from shadowjax.techniques import Technique, make_technique
+from shadowjax.techniques.base import Technique
+from shadowjax.techniques.registry import make_technique
 
 PRESETS: dict[str, Preset] = {preset.name: preset for preset in engines.ALL}
 

@@ -7,7 +7,7 @@ from typing import Any
 from shadowjax._checked import checked
 from shadowjax._checks import require_choice
 from shadowjax.rays.caster import Caster
-from shadowjax.techniques import Technique
+from shadowjax.techniques.base import Technique
 
 UNITS = (
     "", "texels", "world units", "texels along the normal", "texels of slope", "NDC", "of the range",

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from typing import Any
 
+from shadowjax.bias.kinds import BiasSum, BufferBias, NormalOffset, ReceiverPlane
+from shadowjax.bias.rule import Bias, BiasRule
 from shadowjax.filters.base import Filter
-from shadowjax.filters.bias import Bias, BiasRule
-from shadowjax.filters.bias_kinds import BiasSum, BufferBias, NormalOffset, ReceiverPlane
 from shadowjax.filters.exponential import Exponential
 from shadowjax.filters.exponential_variance import ExponentialVariance
 from shadowjax.filters.moment import Moments
@@ -13,11 +13,12 @@ from shadowjax.filters.pcf import BilinearPercentageCloser, PercentageCloser
 from shadowjax.filters.variance import Variance
 from shadowjax.partitions.base import Partition
 from shadowjax.partitions.by_light import ByLight
-from shadowjax.partitions.whole import Whole
-from shadowjax.partitions.z_split import ZSplit
+from shadowjax.partitions.cascades import Cascades
+from shadowjax.partitions.single import SingleMap
 from shadowjax.presets.base import Parameter, Preset
 from shadowjax.rays.caster import Caster
-from shadowjax.techniques import ShadowMapping, Technique
+from shadowjax.techniques.base import Technique
+from shadowjax.techniques.shadow_mapping import ShadowMapping
 from shadowjax.warps.fit import PerspectiveFit
 from shadowjax.warps.stable import StableFit
 from shadowjax.warps.uniform import UniformFit
@@ -25,7 +26,7 @@ from shadowjax.warps.uniform import UniformFit
 SNAPPING = "maps that snap to texels as the camera moves"
 HALF_PRECISION = "16-bit storage: maps here have the scene's own dtype"
 SNAPPED = "StableFit: a square around each slice's sphere that moves by whole texels"
-DISTANCE = "distance of ZSplit, in the scene's own units: scale it with the scene"
+DISTANCE = "distance of Cascades, in the scene's own units: scale it with the scene"
 
 
 def _maker(
@@ -34,19 +35,19 @@ def _maker(
     """What makes a technique; its numbers become arrays then, not on import, when no device may be touched yet."""
 
     def make(resolution: int, caster: Caster) -> Technique:
-        return ShadowMapping(filter_, resolution, Whole() if partition is None else partition, caster, bias())
+        return ShadowMapping(filter_, resolution, SingleMap() if partition is None else partition, caster, bias())
 
     return make
 
 
 def _stable(count: int, rule: str, choose: str = "depth", **options: Any) -> ByLight:
     """Slices of the whole view under maps that snap; a lamp gets one map."""
-    return ByLight(ZSplit(count, rule, warp=StableFit(), tight=False, choose=choose, **options))
+    return ByLight(Cascades(count, rule, warp=StableFit(), tight=False, choose=choose, **options))
 
 
 def _mjp_slices() -> ByLight:
     """MJP's sample does not stabilise its cascades by default: each is as small as what it must hold."""
-    slices = ZSplit(4, "shares", warp=UniformFit(), tight=False, blend=0.1, shares_of_range=(0.05, 0.15, 0.5))
+    slices = Cascades(4, "shares", warp=UniformFit(), tight=False, blend=0.1, shares_of_range=(0.05, 0.15, 0.5))
     return ByLight(slices)
 
 
@@ -73,7 +74,7 @@ ALL: tuple[Preset, ...] = (
         "filament", "Filament", "one LiSPSM map, 3 × 3 texels with smooth weights, normal bias",
         (*FILAMENT_PARAMETERS, Parameter("filter", "3 × 3 texels", "", here="two bilinear taps along an axis")),
         ("hardware polygon offset of the stored depth", "a choice of warp by light and view angle", SNAPPING),
-        _maker(BilinearPercentageCloser(2), _filament_bias, Whole(PerspectiveFit("lispsm"))), 1024,
+        _maker(BilinearPercentageCloser(2), _filament_bias, SingleMap(PerspectiveFit("lispsm"))), 1024,
     ),
     Preset(
         "filament-evsm2", "Filament", "exponential variance map with one exponent that half precision can hold",

@@ -24,7 +24,7 @@ from shadowjax.rays.ray import (
 UNROLL = 4
 
 
-class BruteForce(Caster):
+class BruteForceCaster(Caster):
     """Tests all pairs. Slow, simple, and what the other casters are checked against.
 
     Memory beyond inputs and outputs is about 100 numbers for each ray of a chunk, whatever rays × triangles.

@@ -11,8 +11,8 @@ from shadowjax._checked import Checked, checked
 from shadowjax._checks import require
 from shadowjax._numerics import faces_light, map_in_chunks
 from shadowjax._types import Array, Bool, Float, Int, Points
+from shadowjax.geometry.light_space import LightSpace, is_reached
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays.light_space import LightSpace, is_reached
 from shadowjax.rays.ray import Hit, Rays
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -28,7 +28,7 @@ class Caster(Checked):
     caster has the same values and the same gradients. Of equally near triangles the one with the lowest index wins.
     """
 
-    _remedy_: ClassVar = "Give an object, such as BruteForce()"
+    _remedy_: ClassVar = "Give an object, such as GridCaster()"
 
     @abstractmethod
     def closest(self, mesh: Mesh, rays: Rays) -> Hit:

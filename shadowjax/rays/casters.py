@@ -4,15 +4,15 @@ from collections.abc import Callable
 
 from shadowjax._checked import checked
 from shadowjax._checks import require_choice
-from shadowjax.rays.brute import BruteForce
-from shadowjax.rays.bvh import BoundingVolumeHierarchy
+from shadowjax.rays.brute import BruteForceCaster
+from shadowjax.rays.bvh.caster import BvhCaster
 from shadowjax.rays.caster import Caster
-from shadowjax.rays.grid import Grid
+from shadowjax.rays.grid.caster import GridCaster
 
 CASTERS: dict[str, Callable[[], Caster]] = {
-    "brute": BruteForce,
-    "grid": Grid,
-    "bvh": BoundingVolumeHierarchy,
+    "brute": BruteForceCaster,
+    "grid": GridCaster,
+    "bvh": BvhCaster,
 }
 DEFAULT_CASTER = "grid"
 

@@ -10,7 +10,7 @@ from jax import lax
 
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import NOT_NEGATIVE, require, require_finite, require_value
-from shadowjax._numerics import norm, normalize
+from shadowjax._numerics import far_away, norm, normalize
 from shadowjax._types import Array, ArrayLike, Bool, Float, Int, Points, as_float_array
 from shadowjax.geometry.mesh import Mesh
 
@@ -22,12 +22,6 @@ TRIANGLE_ROUNDINGS = 6.0
 
 # Distances along a ray.
 NotNegative = Annotated[ArrayLike, NOT_NEGATIVE]
-
-
-@checked
-def far_away(dtype: Any) -> float:
-    """The finite stand-in for infinity: its square is still finite, so moments of depth stay finite too."""
-    return float(jnp.finfo(dtype).max) ** 0.5
 
 
 class Rays(Checked):

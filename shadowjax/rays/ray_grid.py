@@ -11,7 +11,7 @@ from shadowjax._checks import POSITIVE, require_int
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Float, Points, Scalar
 from shadowjax.geometry.camera import Camera
-from shadowjax.rays.light_space import LightSpace, camera_space
+from shadowjax.geometry.light_space import LightSpace, camera_space
 from shadowjax.rays.plane_map import Box, PlaneMap
 from shadowjax.rays.ray import Rays
 

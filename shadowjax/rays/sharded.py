@@ -15,10 +15,10 @@ from jax.sharding import PartitionSpec as Spec
 from shadowjax._checked import checked
 from shadowjax._checks import concrete, require
 from shadowjax._types import Array, Bool, Float, Int, Points
+from shadowjax.geometry.light_space import LightSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.bands import band_from
 from shadowjax.rays.caster import Caster
-from shadowjax.rays.light_space import LightSpace
 from shadowjax.rays.ray import MISS, Hit, faces_in_order, intersect
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -78,9 +78,9 @@ def cast_over_bands(
     triangles is faster: `depth_over_triangles`.
 
     Args:
-        cast: What is done with each band: `caster.depth_on_grid`, `caster.closest_on_grid`, `Grid().faces_on_grid`, or
-            any other function of a mesh and a grid that returns arrays of shape (rows, ...). It must not be bound to
-            anything that depends on the rows.
+        cast: What is done with each band: `caster.depth_on_grid`, `caster.closest_on_grid`,
+            `GridCaster().faces_on_grid`, or any other function of a mesh and a grid that returns arrays of shape (rows,
+            ...). It must not be bound to anything that depends on the rows.
         mesh: All triangles, copied to every device.
         grid: All rays. Where the rows of a band are a power of two, its rays are exactly those of the whole grid.
         devices: All devices of all processes if None.

@@ -13,25 +13,27 @@ import numpy as np
 
 from shadowjax._checks import require_choice, require_int
 from shadowjax._types import Float
-from shadowjax.analysis import cost, tones
-from shadowjax.analysis.compare import Comparison, Record, View, look, measure
-from shadowjax.analysis.equations import SOURCES, Result, ledger, verify
-from shadowjax.analysis.shadow_distance import texel_advice
+from shadowjax.evaluate.compare import Comparison, Record, View, measure, reference_view
+from shadowjax.evaluate.shadow_distance import texel_advice
 from shadowjax.filters.base import Filter
 from shadowjax.filters.hard import Hard
 from shadowjax.filters.multi_depth import DepthPolicy, MultiDepth, Neighbourhood
 from shadowjax.filters.pcf import PercentageCloser
-from shadowjax.geometry.scenes import Scene
+from shadowjax.ledger.equation import SOURCES, Result, ledger, verify
 from shadowjax.maps.shadow_map import ShadowMap
 from shadowjax.partitions.by_light import ByLight
-from shadowjax.partitions.z_split import ZSplit
+from shadowjax.partitions.cascades import Cascades
 from shadowjax.presets import named_technique
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import default_caster
 from shadowjax.report.advisor import Advice, Choice, advise
 from shadowjax.report.machine import machine
+from shadowjax.scenes import Scene
 from shadowjax.shading import shade, visibility_on
-from shadowjax.techniques import MappedShadows, ShadowMapping, Technique, make_technique
+from shadowjax.techniques.base import Technique
+from shadowjax.techniques.registry import make_technique
+from shadowjax.techniques.shadow_mapping import MappedShadows, ShadowMapping
+from shadowjax.theory import cost, tones
 
 Pixels = Float[np.ndarray, "height width 3"]
 Grey = Float[np.ndarray, "height width"]
@@ -172,7 +174,7 @@ def collect(
     announce = progress or (lambda step: None)
     techniques = [named_technique(name, settings.resolution, caster) for name in settings.techniques]
     announce("exact shadow by a ray for every pixel")
-    view = look(scene, settings.width, settings.height, caster, settings.samples)
+    view = reference_view(scene, settings.width, settings.height, caster, settings.samples)
 
     def run(names: Sequence[str], resolution: int) -> Comparison:
         def step(name: str) -> None:
@@ -238,7 +240,7 @@ def _with_texels(advice: Advice | None, scene: Scene, techniques: Iterable[tuple
     """The advice with a sentence for every technique with slices whose texels are too long for the objects in view."""
     told = []
     for name, technique in techniques:
-        if isinstance(technique, ShadowMapping) and isinstance(technique.partition, ZSplit | ByLight):
+        if isinstance(technique, ShadowMapping) and isinstance(technique.partition, Cascades | ByLight):
             found = texel_advice(technique, scene.mesh, scene.lights[0], scene.camera)
             told += [] if found is None else [f"{name}: {found}."]
     return None if advice is None else dataclasses.replace(advice, reasons=(*advice.reasons, *told))

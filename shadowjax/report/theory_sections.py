@@ -3,7 +3,7 @@
 import numpy as np
 
 from shadowjax import plotting
-from shadowjax.analysis.equations import ledger
+from shadowjax.ledger.equation import ledger
 from shadowjax.report.findings import Findings
 from shadowjax.report.html import Markup, badge, chart, element, figure, section, table, text
 

@@ -10,8 +10,8 @@ from shadowjax._checked import Checked, checked
 from shadowjax._types import Array, Float
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
+from shadowjax.geometry.light_space import LightSpace
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays.light_space import LightSpace
 from shadowjax.rays.plane_map import PlaneMap
 
 

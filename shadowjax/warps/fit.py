@@ -11,32 +11,32 @@ from shadowjax._numerics import dot, norm, normalize, rotate, safe_divide
 from shadowjax._types import Array, Float, Scalar, Vector3
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
+from shadowjax.geometry.light_space import DirectionalSpace, LightSpace, PerspectiveSpace, in_front
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.transforms import PARALLEL_ROUNDINGS, light_frame, perpendicular_part
-from shadowjax.rays.light_space import DirectionalSpace, LightSpace, PerspectiveSpace, in_front
-from shadowjax.warps import lispsm, minimax
+from shadowjax.theory.aliasing import near_distances, optimal
+from shadowjax.theory.aliasing.light_frustum import LightFrustum
+from shadowjax.theory.aliasing.strength import least_worst_strength
 from shadowjax.warps.base import WarpFit
-from shadowjax.warps.light_frustum import LightFrustum
 from shadowjax.warps.logarithmic import LogarithmicWarp, log_distance
 from shadowjax.warps.perspective import PerspectiveWarp
 from shadowjax.warps.receivers import receiver_outline
-from shadowjax.warps.strength import least_worst_strength
 from shadowjax.warps.trapezoidal import trapezoidal
 
 Rule = Callable[[LightFrustum], Float[Array, "..."]]
 
 # How each named technique picks n', for a directional light; one line a rule.
 NEAR_DISTANCES: dict[str, Rule] = {
-    "uniform": lispsm.uniform,
-    "psm": lispsm.psm,
-    "lispsm": lispsm.wimmer,
-    "lispsm_sine": lispsm.wimmer_over_sine,
-    "generalised": lispsm.generalised,
-    "generalised_sine": lambda frustum: lispsm.generalised(frustum, "sine"),
-    "minimax": minimax.minimax,
-    "minimax_whole": lambda frustum: minimax.minimax(frustum, "whole"),
-    "least_storage": minimax.least_storage,
-    "balanced": minimax.balanced,
+    "uniform": near_distances.uniform,
+    "psm": near_distances.psm,
+    "lispsm": near_distances.wimmer,
+    "lispsm_sine": near_distances.wimmer_over_sine,
+    "generalised": near_distances.generalised,
+    "generalised_sine": lambda frustum: near_distances.generalised(frustum, "sine"),
+    "minimax": optimal.minimax,
+    "minimax_whole": lambda frustum: optimal.minimax(frustum, "whole"),
+    "least_storage": optimal.least_storage,
+    "balanced": optimal.balanced,
     "trapezoidal": trapezoidal,
 }
 

@@ -9,10 +9,10 @@ from shadowjax._checked import checked
 from shadowjax._numerics import larger
 from shadowjax._types import Array, ArrayLike, Bool, Float, Vector2
 from shadowjax.rays.plane_map import PlanePoints
+from shadowjax.theory.aliasing.light_frustum import LightFrustum, Section
+from shadowjax.theory.aliasing.roots import bisect
 from shadowjax.warps.base import Warp
-from shadowjax.warps.light_frustum import LightFrustum, Section
 from shadowjax.warps.perspective import CLOSEST, components, compose, trapezium
-from shadowjax.warps.roots import bisect
 
 # Below this, the ratios of logarithm and exponential to their argument are series, exact to the last bit.
 SMALL = 1e-3

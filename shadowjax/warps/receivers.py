@@ -11,8 +11,8 @@ from shadowjax._numerics import dot, normalize
 from shadowjax._types import Array, Bool, Float, Points
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light, SpotLight
+from shadowjax.geometry.light_space import LightSpace, PerspectiveSpace, in_front
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays.light_space import LightSpace, PerspectiveSpace, in_front
 
 # Planes that meet in an angle of less have no corner worth a float32: what is lost is as thin.
 LEAST_DETERMINANT = 1e-5

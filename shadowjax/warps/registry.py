@@ -1,4 +1,4 @@
-"""The registry of warp fits by name, with their default settings: what `Whole` and `ZSplit` take as their warp."""
+"""The registry of warp fits by name, with their default settings: the `warp` of `SingleMap` and `Cascades`."""
 
 from collections.abc import Callable
 

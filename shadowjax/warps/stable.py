@@ -10,9 +10,9 @@ from shadowjax._numerics import dot
 from shadowjax._types import Array, Float, Scalar, Vector3
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, Light
+from shadowjax.geometry.light_space import DirectionalSpace, LightSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.transforms import any_perpendicular
-from shadowjax.rays.light_space import DirectionalSpace, LightSpace
 from shadowjax.warps.base import WarpFit
 from shadowjax.warps.perspective import PerspectiveWarp, components, compose
 

@@ -3,7 +3,7 @@
 from shadowjax._checked import checked
 from shadowjax._checks import require
 from shadowjax._types import Array, Float
-from shadowjax.warps.light_frustum import LightFrustum
+from shadowjax.theory.aliasing.light_frustum import LightFrustum
 
 
 @checked

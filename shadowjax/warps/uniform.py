@@ -7,8 +7,8 @@ from shadowjax._checks import require_choice
 from shadowjax._types import Array, Float
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light, SpotLight
+from shadowjax.geometry.light_space import LightSpace, OctahedralSpace
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays.light_space import LightSpace, OctahedralSpace
 from shadowjax.rays.plane_map import Box
 from shadowjax.warps.base import Warp, WarpFit, bounding_box
 from shadowjax.warps.receivers import receiver_outline
@@ -46,7 +46,7 @@ class UniformFit(WarpFit):
     Over the scene, a directional light gets the bounding rectangle of the mesh, a spot light its cone, a point light
     every direction. Over the view, a directional or a spot light gets the bounding rectangle of the frustum cut to the
     box around the mesh and to the light's cone; casters outside the view are on the rays of their receivers, so none
-    is lost. Slices of a view (`ZSplit`) are always covered so, each for itself.
+    is lost. Slices of a view (`Cascades`) are always covered so, each for itself.
 
     Attributes:
         cover: "scene" or "view".

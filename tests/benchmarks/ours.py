@@ -14,7 +14,7 @@ from jax.sharding import NamedSharding, PartitionSpec
 import shadowjax
 from shadowjax import Mesh
 from shadowjax.rays.caster import Caster
-from shadowjax.rays.grid import Grid
+from shadowjax.rays.grid.caster import GridCaster
 from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.rays.sharded import cast_over_bands, depth_over_triangles, visible_over_points
 from tests.benchmarks.peers.base import Absent, Contestant
@@ -29,7 +29,7 @@ class Shadowjax(Contestant):
 
     def __init__(
         self,
-        make_caster: Callable[[], Caster] = Grid,
+        make_caster: Callable[[], Caster] = GridCaster,
         name: str = "shadowjax",
         compiler_options: dict[str, Any] | None = None,
     ):
@@ -41,7 +41,7 @@ class Shadowjax(Contestant):
         self.compiler_options = compiler_options
         self.programs: dict[Any, Any] = {}
 
-    def placed(self, tree: Any) -> Any:
+    def fit(self, tree: Any) -> Any:
         """Arrays where the work happens."""
         return tree
 
@@ -61,16 +61,16 @@ class Shadowjax(Contestant):
             jnp.asarray(geometry.faces),
             jnp.zeros((geometry.num_faces, 3), jnp.float32),
         )
-        self.mesh = jax.block_until_ready(self.placed(mesh))
+        self.mesh = jax.block_until_ready(self.fit(mesh))
         self.programs.clear()
 
     def move(self, vertices: np.ndarray) -> None:
         """Copy new vertices to the device; the cast that follows does all other work, as always."""
-        self.mesh = Mesh(self.placed(jnp.asarray(vertices)), self.mesh.faces, self.mesh.face_colors)
+        self.mesh = Mesh(self.fit(jnp.asarray(vertices)), self.mesh.faces, self.mesh.face_colors)
 
     def load_view(self, view: View) -> Any:
         """Light space, box and resolution."""
-        return self.placed(view.grid)
+        return self.fit(view.grid)
 
     def cast(self, loaded: Any, with_face: bool) -> Any:
         """The compiled cast."""
@@ -113,16 +113,16 @@ class OnDevices(Shadowjax):
     def __init__(self, num_devices: int, name: str, compiler_options: dict[str, Any] | None = None):
         if len(jax.devices()) < num_devices:
             raise Absent(f"needs {num_devices} devices; run with --devices {num_devices}")
-        super().__init__(Grid, name, compiler_options)
+        super().__init__(GridCaster, name, compiler_options)
         devices = jax.devices()[:num_devices]
         self.devices = jax.sharding.Mesh(np.array(devices), ("devices",))
         self.casts = {
             False: partial(_dealt_depth, devices),
-            True: partial(cast_over_bands, Grid().faces_on_grid, devices=devices),
+            True: partial(cast_over_bands, GridCaster().faces_on_grid, devices=devices),
         }
-        self.visible = partial(visible_over_points, Grid(), devices=devices)
+        self.visible = partial(visible_over_points, GridCaster(), devices=devices)
 
-    def placed(self, tree: Any) -> Any:
+    def fit(self, tree: Any) -> Any:
         """A copy on every device."""
         return jax.device_put(tree, NamedSharding(self.devices, PartitionSpec()))
 
@@ -134,8 +134,8 @@ class OnDevices(Shadowjax):
 def _dealt_depth(devices: list[Any], mesh: Mesh, grid: RayGrid) -> jax.Array:
     """What the documentation advises: bands of rows, but triangles if there are more of them than rays."""
     if mesh.num_faces > grid.num_rows * grid.num_cols:
-        return depth_over_triangles(Grid(), mesh, grid, devices)
-    return cast_over_bands(Grid().depth_on_grid, mesh, grid, devices)
+        return depth_over_triangles(GridCaster(), mesh, grid, devices)
+    return cast_over_bands(GridCaster().depth_on_grid, mesh, grid, devices)
 
 
 def _wide(num_devices: int, name: str) -> Shadowjax:

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 
 from shadowjax import Mesh
-from shadowjax.rays.bvh import BoundingVolumeHierarchy
-from shadowjax.rays.grid import Grid
+from shadowjax.rays.bvh.caster import BvhCaster
+from shadowjax.rays.grid.caster import GridCaster
 from shadowjax.rays.layers import second_layer
 from tests.benchmarks.scenes import PROJECTIONS, sphere_over_plane, view
 from tests.benchmarks.timing import interleave
@@ -21,16 +21,16 @@ def main() -> None:
     """Print one line for each projection."""
     geometry = sphere_over_plane(SIZE)
     mesh = Mesh.create(geometry.vertices, geometry.faces, dtype=jnp.float32)
-    first = eqx.filter_jit(lambda mesh, grid: Grid().closest_on_grid(mesh, grid))
+    first = eqx.filter_jit(lambda mesh, grid: GridCaster().closest_on_grid(mesh, grid))
     second = eqx.filter_jit(second_layer)
     # Brute force would never end; the tree is built before.
-    tree = BoundingVolumeHierarchy.build(mesh)
+    tree = BvhCaster.build(mesh)
     for projection in PROJECTIONS:
         grid = view(geometry, projection, RESOLUTION).grid
         depth = first(mesh, grid).depth
         calls: dict[str, Callable[[int], Any]] = {
             "first": lambda _, grid=grid: jax.block_until_ready(first(mesh, grid)),
-            "drawn": lambda _, grid=grid, depth=depth: jax.block_until_ready(second(Grid(), mesh, grid, depth)),
+            "drawn": lambda _, grid=grid, depth=depth: jax.block_until_ready(second(GridCaster(), mesh, grid, depth)),
             "traced": lambda _, grid=grid, depth=depth: jax.block_until_ready(second(tree, mesh, grid, depth)),
         }
         drawn, traced = calls["drawn"](0), calls["traced"](0)

@@ -10,8 +10,8 @@ import numpy as np
 
 from shadowjax import Camera, Mesh, Rays, camera_grid, make_scene
 from shadowjax.rays.bands import depth_bands
-from shadowjax.rays.bvh import BoundingVolumeHierarchy
-from shadowjax.rays.grid import Grid
+from shadowjax.rays.bvh.caster import BvhCaster
+from shadowjax.rays.grid.caster import GridCaster
 
 
 class Stopwatch:
@@ -46,11 +46,11 @@ def scene() -> None:
     mesh = waves(10_000_000)
     say(f"{mesh.num_faces} triangles made")
     camera = Camera.look_at((0.0, 8.0, 14.0), (0.0, 0.0, 0.0), phi_y=0.4, near=1.0, far=40.0, dtype=jnp.float32)
-    grid, depth = camera_grid(camera, 1024, 1024), jax.jit(Grid().depth_on_grid)
+    grid, depth = camera_grid(camera, 1024, 1024), jax.jit(GridCaster().depth_on_grid)
     for when in ("first", "again"):
         depth(mesh, grid).block_until_ready()
         say(f"depth of 1024² by the grid caster, {when}")
-    caster = BoundingVolumeHierarchy.build(mesh)
+    caster = BvhCaster.build(mesh)
     jax.block_until_ready(caster)
     say("tree built")
     rng, count = np.random.default_rng(0), 1 << 18
@@ -69,7 +69,7 @@ def large_map() -> None:
     say(f"{made.mesh.num_faces} triangles made")
     hits = 0
     grid = camera_grid(made.camera, 16384, 16384)
-    for start, band in depth_bands(Grid(), made.mesh, grid):
+    for start, band in depth_bands(GridCaster(), made.mesh, grid):
         hits += int(np.count_nonzero(band < np.float32(grid.far)))
         if start == 0:
             say("first band")

@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 
 from shadowjax import Camera, DirectionalLight, RayGrid, camera_grid, load
-from shadowjax.rays.light_space import DirectionalSpace, farthest, light_space
+from shadowjax.geometry.light_space import DirectionalSpace, farthest, light_space
 from shadowjax.rays.plane_map import Box
 
 # Subdivisions of an icosahedron and the number of triangles that each gives (20 · 4^k, and 2 of the plane).

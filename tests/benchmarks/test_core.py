@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from shadowjax import BruteForce, Mesh, MultiDepth, Neighbourhood, Rays
+from shadowjax import BruteForceCaster, Mesh, MultiDepth, Neighbourhood, Rays
 from shadowjax.filters.base import Lookup
 
 NUM_FACES, NUM_RAYS = 1024, 1 << 18
@@ -23,7 +23,7 @@ def soup():
 
 def test_brute_force_tests_per_second(soup, benchmark):
     mesh, rays = soup
-    cast = eqx.filter_jit(lambda mesh, rays: BruteForce().closest(mesh, rays).depth)
+    cast = eqx.filter_jit(lambda mesh, rays: BruteForceCaster().closest(mesh, rays).depth)
     depth = benchmark(lambda: jax.block_until_ready(cast(mesh, rays)))
     assert np.isfinite(depth).all()
     if benchmark.stats:
@@ -37,7 +37,9 @@ def test_brute_force_extra_memory_stays_under_300_mb(num_faces):
     mesh = Mesh(corners, faces, jnp.zeros((num_faces, 3), jnp.float32))
     directions, ones = jnp.ones((1 << 20, 3), jnp.float32), jnp.ones(1 << 20, jnp.float32)
     rays = Rays(directions, directions, ones, ones)
-    plan = jax.jit(lambda mesh, rays: BruteForce().closest(mesh, rays)).lower(mesh, rays).compile().memory_analysis()
+    plan = (
+        jax.jit(lambda mesh, rays: BruteForceCaster().closest(mesh, rays)).lower(mesh, rays).compile().memory_analysis()
+    )
     assert plan.temp_size_in_bytes < 300e6
 
 

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from shadowjax import BruteForce
-from shadowjax.rays.grid import Grid
-from shadowjax.rays.light_space import DirectionalSpace
+from shadowjax import BruteForceCaster
+from shadowjax.geometry.light_space import DirectionalSpace
+from shadowjax.rays.grid.caster import GridCaster
 from tests.benchmarks import peers, timing
 from tests.benchmarks.cases import CASES
 from tests.benchmarks.fit import law_of_time, laws
@@ -20,7 +20,7 @@ from tests.benchmarks.session import agreement
 from tests.benchmarks.summary import ratios
 
 
-class Slow(BruteForce):
+class Slow(BruteForceCaster):
     """The brute-force caster with the methods that are measured: it compiles quickly, and has its own shadow test."""
 
     def depth_on_grid(self, mesh, grid):
@@ -47,7 +47,7 @@ def quick(tmp_path_factory):
 
 def test_default_variant_is_the_fast_caster(tmp_path):
     results = run(Options(quick=True, only=("depth",), peers=("none",), json=str(tmp_path / "r.json")))
-    assert isinstance(VARIANTS["shadowjax"]().caster, Grid)
+    assert isinstance(VARIANTS["shadowjax"]().caster, GridCaster)
     assert {name for record in results["records"] for name in record["contestants"]} == {"shadowjax"}
     assert results["ratios"] == []
 

@@ -5,8 +5,8 @@ import jax
 import numpy as np
 from views import random_frusta
 
-from shadowjax.optimize.near_distance import search
-from shadowjax.warps.minimax import minimax
+from shadowjax.optimize.analytic.near_distance import search
+from shadowjax.theory.aliasing.optimal import minimax
 
 COUNT = 10_000
 

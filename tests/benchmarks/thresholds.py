@@ -12,9 +12,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from shadowjax import BruteForce, Mesh, Rays
-from shadowjax.rays.bvh import BoundingVolumeHierarchy
-from shadowjax.rays.grid import tree_is_faster
+from shadowjax import BruteForceCaster, Mesh, Rays
+from shadowjax.rays.bvh.caster import BvhCaster
+from shadowjax.rays.grid.caster import tree_is_faster
 from tests.benchmarks.scenes import sphere_over_plane
 
 ROUNDS = 5
@@ -56,8 +56,8 @@ def main() -> None:
             mesh = some_faces(num_faces)
             # Traced, the mesh gets a new tree in every call.
             took = least({
-                "brute": lambda mesh=mesh, rays=rays: closest(BruteForce(), mesh, rays),
-                "tree": lambda mesh=mesh, rays=rays: closest(BoundingVolumeHierarchy(), mesh, rays),
+                "brute": lambda mesh=mesh, rays=rays: closest(BruteForceCaster(), mesh, rays),
+                "tree": lambda mesh=mesh, rays=rays: closest(BvhCaster(), mesh, rays),
             })  # fmt: skip
             chosen = "tree" if tree_is_faster(num_faces, num_rays) else "brute"
             line = f"{num_rays:6d} rays {num_faces:5d} triangles" + "".join(f"  {k} {took[k]:7.2f} ms" for k in took)

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import trimesh
 
-from shadowjax import BruteForce, Mesh, Rays
-from shadowjax.rays.bvh import BoundingVolumeHierarchy
+from shadowjax import BruteForceCaster, Mesh, Rays
+from shadowjax.rays.bvh.caster import BvhCaster
 
 NUM_RAYS = 1 << 16
 # Brute force is given fewer rays, so that a run ends.
@@ -59,8 +59,8 @@ def main() -> None:
     refit = jax.jit(lambda caster, mesh: caster.refit(mesh))
     for subdivisions in range(1, 9):
         mesh = displaced_sphere(subdivisions)
-        build = best(lambda mesh=mesh: BoundingVolumeHierarchy.build(mesh), 1)
-        caster = BoundingVolumeHierarchy.build(mesh)
+        build = best(lambda mesh=mesh: BvhCaster.build(mesh), 1)
+        caster = BvhCaster.build(mesh)
         line = f"{mesh.num_faces:8d} triangles  build {build:6.3f} s"
         line += f"  refit {1e3 * best(lambda: refit(caster, mesh)):6.2f} ms"  # noqa: B023
         for name, rays in bundles().items():
@@ -69,7 +69,7 @@ def main() -> None:
         few = int(min(NUM_RAYS, MAX_PAIRS / mesh.num_faces))
         if few >= 1024:
             some = jax.tree.map(lambda x: x[:few], bundles()["any"].flattened())  # noqa: B023
-            line += f"  brute {1e6 * best(lambda: closest(BruteForce(), mesh, some), 1) / few:6.2f} µs"  # noqa: B023
+            line += f"  brute {1e6 * best(lambda: closest(BruteForceCaster(), mesh, some), 1) / few:6.2f} µs"  # noqa: B023
         print(line, flush=True)
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from shadowjax.analysis import equations
 from shadowjax.cli import main
 from shadowjax.cli.main import COMMANDS
-from shadowjax.geometry.scenes import SCENES
+from shadowjax.ledger import equation
+from shadowjax.scenes import SCENES
 
 TINY = ["--width", "32", "--height", "24", "--resolution", "24"]
 RECORD = [
@@ -80,22 +80,22 @@ def test_verify_writes_the_ledgers_results(capsys, tmp_path):
     assert main(["verify", "--only", "asm", "--json", "-"]) == 0
     (only,) = json.loads(capsys.readouterr().out).items()
     assert only[0] == "equations"
-    wanted = [name for name in equations.ledger() if name.startswith("asm")]
+    wanted = [name for name in equation.ledger() if name.startswith("asm")]
     assert [one["id"] for one in only[1]] == wanted
     assert set(only[1][0]) == {"id", "source", "verdict", "passed", "kind", "checks"}
     assert {one["verdict"] for one in only[1]} <= {"holds", "conditional", "erratum"}
 
 
 def test_a_failed_equation_is_exit_one(capsys, monkeypatch):
-    right = equations.verify
+    right = equation.verify
 
     def wrong(chosen, progress=None):
         return [
-            equations.Result(r.id, r.source, r.verdict, False, r.kind, r.checks)
+            equation.Result(r.id, r.source, r.verdict, False, r.kind, r.checks)
             for r in right(list(chosen)[:1], progress)
         ]
 
-    monkeypatch.setattr(equations, "verify", wrong)
+    monkeypatch.setattr(equation, "verify", wrong)
     assert main(["verify", "--only", "asm"]) == 1
     out, err = capsys.readouterr()
     assert "FAILED" in out

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from shadowjax import PARTITIONS, TECHNIQUES, AdaptiveShadowMapping, Camera, DirectionalLight, Mesh, make_technique
-from shadowjax.partitions.z_split import ZSplit
-from shadowjax.rays.grid import Grid
+from shadowjax.partitions.cascades import Cascades
+from shadowjax.rays.grid.caster import GridCaster
 from shadowjax.shading import trace_surface
-from shadowjax.technique_base import Technique
-from shadowjax.techniques import ShadowMapping
+from shadowjax.techniques.base import Technique
+from shadowjax.techniques.shadow_mapping import ShadowMapping
 from shadowjax.warps.fit import NEAR_DISTANCES, LogarithmicFit, PerspectiveFit
 from shadowjax.warps.stable import StableFit
 from shadowjax.warps.uniform import UniformFit
@@ -29,7 +29,7 @@ WARPED = {
     for name in PARTITIONS
     if hasattr(PARTITIONS[name](), "warp")
 }
-SEEN = eqx.filter_jit(lambda mesh, camera: trace_surface(mesh, camera, 43, 36, Grid()))
+SEEN = eqx.filter_jit(lambda mesh, camera: trace_surface(mesh, camera, 43, 36, GridCaster()))
 
 
 def shadowed(technique: Technique, mesh, light, camera, surface):
@@ -59,7 +59,7 @@ def falsely_dark(technique: Technique, dtype, gammas=GAMMAS, azimuth=0.7):
 
 @pytest.mark.parametrize("name", ["exact", "hard", "pcf-3x3", "evsm4", "shadow-volumes"])
 def test_no_technique_darkens_a_bare_plane(name):
-    assert falsely_dark(make_technique(name, 64, Grid()), jnp.float32) == [0] * len(GAMMAS)
+    assert falsely_dark(make_technique(name, 64, GridCaster()), jnp.float32) == [0] * len(GAMMAS)
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def test_no_technique_darkens_a_bare_plane(name):
     ],
 )
 def test_no_warp_of_a_partition_darkens_a_bare_plane(partition, warp):
-    chosen = ZSplit(2, warp=WARPS[warp]()) if partition == "z" else WARPED[partition](WARPS[warp]())
+    chosen = Cascades(2, warp=WARPS[warp]()) if partition == "z" else WARPED[partition](WARPS[warp]())
     technique = ShadowMapping(resolution=64, partition=chosen)
     assert falsely_dark(technique, jnp.float32) == [0] * len(GAMMAS)
 
@@ -82,14 +82,14 @@ def test_no_warp_of_a_partition_darkens_a_bare_plane(partition, warp):
 @pytest.mark.long
 @pytest.mark.parametrize("name", TECHNIQUES)
 def test_no_technique_at_all_darkens_a_bare_plane(name, dtype):
-    assert falsely_dark(make_technique(name, 64, Grid()), dtype) == [0] * len(GAMMAS)
+    assert falsely_dark(make_technique(name, 64, GridCaster()), dtype) == [0] * len(GAMMAS)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(("partition", "warp"), [*itertools.product(WARPED, WARPS), ("faces", None), ("cube", None)])
 def test_no_warp_of_any_partition_darkens_a_bare_plane(partition, warp, dtype):
     chosen = PARTITIONS[partition]() if warp is None else WARPED[partition](WARPS[warp]())
-    technique = ShadowMapping(resolution=64, partition=chosen, caster=Grid())
+    technique = ShadowMapping(resolution=64, partition=chosen, caster=GridCaster())
     for azimuth in (0.7, 0.0, -2.0):
         assert falsely_dark(technique, dtype, azimuth=azimuth) == [0] * len(GAMMAS)
 
@@ -97,7 +97,7 @@ def test_no_warp_of_any_partition_darkens_a_bare_plane(partition, warp, dtype):
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "partition"), list(zip(TECHNIQUES, itertools.cycle(PARTITIONS), strict=False)))
 def test_no_filter_of_a_partition_darkens_a_bare_plane(name, partition):
-    technique = make_technique(name, 64, Grid())
+    technique = make_technique(name, 64, GridCaster())
     if not isinstance(technique, ShadowMapping):
         pytest.skip("without a map there is no partition")
     technique = eqx.tree_at(lambda t: t.partition, technique, PARTITIONS[partition]())

@@ -17,11 +17,11 @@ from jax import lax
 from shapes import bumpy_sphere, lights
 
 from shadowjax import Camera, Mesh, Rays, camera_grid, coverage_depth, mesh_edges, shadow_picture
+from shadowjax.geometry.light_space import farthest, light_space
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import CASTERS, make_caster
-from shadowjax.rays.grid import Grid
+from shadowjax.rays.grid.caster import GridCaster
 from shadowjax.rays.layers import back_layer, second_layer
-from shadowjax.rays.light_space import farthest, light_space
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -52,7 +52,9 @@ def depth(caster: Caster, mesh: Mesh, kind: str) -> Any:
 
 def closest_on_grid(caster: Caster, mesh: Mesh, kind: str) -> Any:
     grid = grid_of(mesh, kind)
-    return caster.closest_on_grid(mesh, grid), caster.faces_on_grid(mesh, grid) if isinstance(caster, Grid) else ()
+    return caster.closest_on_grid(mesh, grid), caster.faces_on_grid(mesh, grid) if isinstance(
+        caster, GridCaster
+    ) else ()
 
 
 def closest(caster: Caster, mesh: Mesh, kind: str) -> Any:

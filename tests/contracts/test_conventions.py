@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 from shapes import above, lights, plate_over_plane
 
-from shadowjax import Bias, BruteForce, Camera, Exact, Hard, Mesh, ShadowMapping, build_shadow_map, camera_grid
+from shadowjax import Bias, BruteForceCaster, Camera, Exact, Hard, Mesh, ShadowMapping, build_shadow_map, camera_grid
 from shadowjax.filters.base import Lookup
 from shadowjax.filters.hard import is_lit
-from shadowjax.partitions.whole import Whole
+from shadowjax.partitions.single import SingleMap
 from shadowjax.shading import trace_surface
 
 UP = jnp.asarray([[0.0, 1.0, 0.0]])
@@ -44,7 +44,7 @@ def test_image_row_zero_is_the_top():
 
 def test_texel_centres():
     """Texel (row i, column j) is sampled at ((j + ½)/columns, (i + ½)/rows), and a point there is located at +½."""
-    grid = Whole().grids(plate_over_plane(), lights()["directional"], above(), 4)[0]
+    grid = SingleMap().grids(plate_over_plane(), lights()["directional"], above(), 4)[0]
     np.testing.assert_allclose(grid.centres()[1, 2], [2.5 / 4, 1.5 / 4])
     rays = grid.rays()
     position, depth = grid.locate(rays.at(jnp.full((4, 4), 3.0)))
@@ -55,7 +55,7 @@ def test_texel_centres():
 def test_light_plane_follows_the_view():
     """y points against the light, z the way the view points: t grows away from the camera."""
     camera = above()
-    grid = Whole().grids(plate_over_plane(), lights()["directional"], camera, 4)[0]
+    grid = SingleMap().grids(plate_over_plane(), lights()["directional"], camera, 4)[0]
     ahead, _ = grid.locate(camera.forward[None] * 0.5)
     behind, _ = grid.locate(-camera.forward[None] * 0.5)
     assert ahead[0, 1] > behind[0, 1]
@@ -65,7 +65,7 @@ def test_light_plane_follows_the_view():
 def test_depth_is_distance_along_the_ray():
     """In world units, not z/w: one metre further along any ray of any light is one more of depth."""
     for light in lights().values():
-        grid = Whole().grids(plate_over_plane(), light, above(), 8)[0]
+        grid = SingleMap().grids(plate_over_plane(), light, above(), 8)[0]
         rays = grid.rays()
         near, far = rays.at(jnp.full((8, 8), 2.0)), rays.at(jnp.full((8, 8), 3.0))
         np.testing.assert_allclose(grid.locate(near)[1], 2.0, rtol=1e-12)
@@ -74,8 +74,8 @@ def test_depth_is_distance_along_the_ray():
 
 def test_a_miss_is_finite():
     for light in lights().values():
-        grid = Whole().grids(plate_over_plane(), light, above(), 8)[0]
-        shadow_map = build_shadow_map(BruteForce(), plate_over_plane(), grid)
+        grid = SingleMap().grids(plate_over_plane(), light, above(), 8)[0]
+        shadow_map = build_shadow_map(BruteForceCaster(), plate_over_plane(), grid)
         missed = shadow_map.face == -1
         assert np.isfinite(shadow_map.depth).all()
         np.testing.assert_array_equal(shadow_map.depth[missed], grid.far)
@@ -114,7 +114,7 @@ def test_a_surface_shows_the_side_the_camera_sees():
     """Normals are turned to the camera; a side that faces away from the light is dark, on open meshes too."""
     mesh = plate_over_plane()
     camera = Camera.look_at((0.0, 0.3, 3.0), (0.0, 1.0, 0.0), phi_y=0.3, near=0.5, far=9)
-    surface = trace_surface(mesh, camera, 8, 8, BruteForce())
+    surface = trace_surface(mesh, camera, 8, 8, BruteForceCaster())
     below = surface.is_seen & (surface.points[..., 1] > 0.5)
     assert jnp.sum(below) > 4
     assert jnp.all(surface.normals[below][:, 1] < 0)

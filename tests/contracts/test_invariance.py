@@ -12,7 +12,7 @@ from box_shadow import HEIGHT, WIDTH, as_numpy, ground_shadow, stage, undecided
 
 from shadowjax import Camera, Exact, Mesh, PointLight, ShadowVolumes, SpotLight
 from shadowjax.rays.casters import CASTERS
-from shadowjax.rays.grid import Grid
+from shadowjax.rays.grid.caster import GridCaster
 from shadowjax.shading import trace_surface
 
 HALVES = (5.0, 1e2, 1e3, 1e4, 1e5, 1e6)
@@ -25,7 +25,7 @@ KINDS = ("directional", "spot", "point")
 @eqx.filter_jit
 def pictured(technique, mesh, light, camera):
     """Pixels that see the ground, and visibility."""
-    surface = trace_surface(mesh, camera, WIDTH, HEIGHT, Grid())
+    surface = trace_surface(mesh, camera, WIDTH, HEIGHT, GridCaster())
     shadows = technique.build(mesh, light, camera)
     return surface.is_seen & (surface.face < 2), shadows.visibility_of(surface.points, surface.normals, surface.face)
 

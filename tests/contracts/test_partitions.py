@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 from shadowjax import Camera, DirectionalLight, Mesh, PointLight, SpotLight
-from shadowjax.analysis.shimmer import in_view
-from shadowjax.partitions.faces import Faces, faces_that_apply
+from shadowjax.evaluate.shimmer import in_view
+from shadowjax.geometry.light_space import light_space
+from shadowjax.partitions.cascades import Cascades
+from shadowjax.partitions.faces import FacePartition, faces_that_apply
 from shadowjax.partitions.registry import PARTITIONS
-from shadowjax.partitions.z_split import ZSplit
-from shadowjax.rays.light_space import light_space
 from shadowjax.warps.registry import WARP_FITS
 
 DEPTHS = 1.6 * 1.6 ** np.arange(9)  # 1.6 to 69 metres
@@ -91,7 +91,7 @@ def beside(space, reach):
 @eqx.filter_jit
 def place(partition, camera, light, resolution):
     """The grids of a partition and the partition placed."""
-    placed = partition.placed(MESH, light, camera)
+    placed = partition.fit(MESH, light, camera)
     return placed, placed.grids(MESH, light, camera, resolution)
 
 
@@ -182,7 +182,7 @@ def assert_maps_differ(partition, light):
     """No two regions that answer for points have the same rays."""
     _, grids = place(partition, CAMERA, LIGHTS[light], 64)
     used = range(len(grids))
-    if isinstance(partition, Faces):
+    if isinstance(partition, FacePartition):
         used = np.flatnonzero(faces_that_apply(CAMERA, LIGHTS[light]))
     square = jnp.asarray([[0.0, 0.0], [1.0, 0.0], [0.5, 0.5], [0.0, 1.0]])
     rays = [grids[i].rays_at(square) for i in used]
@@ -198,17 +198,17 @@ CHEAP = [("scene", "sun"), ("scene", "spot")]
 @pytest.mark.parametrize(("warp", "light"), CHEAP)
 def test_slices_have_maps_of_their_own_and_more_of_them_err_less(warp, light):
     """With copies of one map, the error would not fall with their number at all."""
-    assert_falls(lambda k: ZSplit(k, warp=WARP_FITS[warp]()), light, RESOLUTIONS[::2])
-    assert_maps_differ(ZSplit(4, warp=WARP_FITS[warp]()), light)
+    assert_falls(lambda k: Cascades(k, warp=WARP_FITS[warp]()), light, RESOLUTIONS[::2])
+    assert_maps_differ(Cascades(4, warp=WARP_FITS[warp]()), light)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("light", LIGHTS)
 @pytest.mark.parametrize("warp", WARP_FITS)
 def test_every_warp_under_slices(warp, light):
-    if fits_light(ZSplit(4, warp=WARP_FITS[warp]()), light):
-        assert_falls(lambda k: ZSplit(k, warp=WARP_FITS[warp]()), light, RESOLUTIONS)
-        assert_maps_differ(ZSplit(4, warp=WARP_FITS[warp]()), light)
+    if fits_light(Cascades(4, warp=WARP_FITS[warp]()), light):
+        assert_falls(lambda k: Cascades(k, warp=WARP_FITS[warp]()), light, RESOLUTIONS)
+        assert_maps_differ(Cascades(4, warp=WARP_FITS[warp]()), light)
 
 
 @pytest.mark.long
@@ -224,7 +224,7 @@ def test_every_registered_partition(name, light):
         return
     if name == "cube" or not fits_light(partition, light):
         return  # six faces look away from each other by construction; tests/partitions/test_cube.py
-    if isinstance(partition, ZSplit):
+    if isinstance(partition, Cascades):
         assert_falls(lambda k: dataclasses.replace(partition, num_partitions=k), light, RESOLUTIONS)
     else:
         error = np.array([measured(partition, LIGHTS[light], size) for size in RESOLUTIONS])
@@ -234,9 +234,9 @@ def test_every_registered_partition(name, light):
 
 def test_a_point_light_gets_one_map_and_slices_of_it_are_no_copies():
     light = PointLight.create((0.0, 30.0, -20.0))
-    partition, grids = place(ZSplit(4, warp=WARP_FITS["scene"]()), CAMERA, light, 16)
+    partition, grids = place(Cascades(4, warp=WARP_FITS["scene"]()), CAMERA, light, 16)
     assert len(grids) == 1
     points = beside(light_space(LIGHTS["sun"], CAMERA.forward, *MESH.bounds()), jnp.ones(len(DEPTHS)))
     assert float(jnp.min(shares_at(partition, grids, CAMERA, points))) == 1
     with pytest.raises(ValueError, match="directional or a spot light; got OctahedralSpace"):
-        place(ZSplit(4), CAMERA, light, 16)
+        place(Cascades(4), CAMERA, light, 16)

@@ -9,11 +9,11 @@ from shapes import above, lights, plate_over_plane
 
 from shadowjax import ShadowMapping
 from shadowjax.partitions.by_light import ByLight
-from shadowjax.partitions.z_split import ZSplit
+from shadowjax.partitions.cascades import Cascades
 from shadowjax.presets import PRESETS, make_preset, preset
 from shadowjax.presets.base import Parameter
-from shadowjax.rays.brute import BruteForce
-from shadowjax.techniques import _placed
+from shadowjax.rays.brute import BruteForceCaster
+from shadowjax.techniques.shadow_mapping import _placed
 from shadowjax.warps.uniform import UniformFit
 
 ENGINES = {"Filament", "Godot 4", "three.js", "bgfx example 16", "DiligentFX", "MJP's shadow sample", "bevy"}
@@ -41,7 +41,7 @@ def test_every_engine_is_there_and_every_preset_says_what_it_cannot_do():
 def test_a_preset_casts_the_shadow_of_a_plate(name):
     """Lit far outside the shadow, dark in its middle."""
     mesh, camera, light = plate_over_plane(jnp.float32), above(jnp.float32), lights(jnp.float32)["directional"]
-    shadows = make_preset(name, 128, BruteForce()).build(mesh, light, camera)
+    shadows = make_preset(name, 128, BruteForceCaster()).build(mesh, light, camera)
     shift = np.asarray(light.direction)[[0, 2]] / -float(light.direction[1])
     spots = np.array([[*shift], [shift[0] - 2.5, shift[1] + 0.3]])
     points = jnp.asarray(np.stack([spots[:, 0], 0 * spots[:, 0], spots[:, 1]], -1), jnp.float32)
@@ -62,16 +62,16 @@ def test_cascades_of_presets_are_maps_of_their_own_and_lamps_get_one():
     """As many different maps as the engine has cascades, each slice finer than the next."""
     mesh, camera, every = plate_over_plane(jnp.float32), above(jnp.float32), lights(jnp.float32)
     for name in PRESETS:
-        technique = make_preset(name, 64, BruteForce())
+        technique = make_preset(name, 64, BruteForceCaster())
         count = CASCADED.get(name, 1)
         if count > 1:
-            _, grids = _placed(technique.partition.reaching(2), mesh, every["directional"], camera, 64)
+            _, grids = _placed(technique.partition.with_margin(2), mesh, every["directional"], camera, 64)
             assert len(grids) == count
             sizes = [float(jnp.max(jnp.abs(grid.cell_vectors(camera.position)[0]))) for grid in grids]
             assert (np.diff(sizes) > 0.02 * sizes[0]).all(), (name, sizes)
             for kind in ("spot", "point"):
                 assert len(_placed(technique.partition, mesh, every[kind], camera, 64)[1]) == 1
-    sliced = {name for name in PRESETS if isinstance(make_preset(name, 8, BruteForce()).partition, ByLight)}
+    sliced = {name for name in PRESETS if isinstance(make_preset(name, 8, BruteForceCaster()).partition, ByLight)}
     assert set(CASCADED) == sliced
 
 
@@ -84,7 +84,7 @@ def test_a_shadow_distance_ends_shadows_in_a_fade():
     normal = jnp.asarray([[0.0, 1.0, 0.0]], jnp.float32)
     seen = []
     for end in (depth * 0.9, depth / 0.95, depth / 0.9, depth / 0.7):
-        slices = ZSplit(2, warp=UniformFit(), tight=False, distance=end, fade=0.2)
+        slices = Cascades(2, warp=UniformFit(), tight=False, distance=end, fade=0.2)
         shadows = ShadowMapping(resolution=64, partition=slices).build(mesh, light, camera)
         seen.append(float(shadows.visibility(point, normal)[0]))
     np.testing.assert_allclose(seen, [1, 0.75, 0.5, 0], atol=1e-4)

@@ -15,8 +15,8 @@ from shadowjax import (
     Prefilter,
     ShadowMapping,
     Variance,
+    astype,
     camera_grid,
-    cast,
     make_technique,
 )
 
@@ -62,7 +62,7 @@ def test_jit_equals_eager_and_float32_is_near_float64(built, name):
     points, normals = floor_points(jnp.float64)
     compiled = visibility(built[name], points, normals)
     np.testing.assert_allclose(built[name].visibility(points, normals), compiled, atol=1e-12)
-    single = cast(built[name], jnp.float32).visibility(*floor_points(jnp.float32))
+    single = astype(built[name], jnp.float32).visibility(*floor_points(jnp.float32))
     assert single.dtype == jnp.float32
     # Only receivers within rounding of a texel border or a depth edge may change their answer.
     assert np.mean(np.abs(np.asarray(single, float) - np.asarray(compiled)) > 1e-3) < 0.01
@@ -201,7 +201,7 @@ def test_footprints_of_an_image_reach_the_filter(built, sampling):
     """Seen in few pixels the shadow's mean stays and its edges soften; without an image a texel is averaged."""
     points, normals = floor_points(jnp.float64, num=16)
     near = built["vsm"].with_filter(Variance(Prefilter(1, sampling=sampling, max_anisotropy=4), min_variance=1e-6))
-    coarse = near.seen_by(camera_grid(above(), 6, 6))
+    coarse = near.with_pixel_footprints(camera_grid(above(), 6, 6))
     plain = built["vsm"].with_filter(Variance(Prefilter(1)))
     sharp, soft, reference = (visibility(shadows, points, normals) for shadows in (near, coarse, plain))
     if sampling != "anisotropic":

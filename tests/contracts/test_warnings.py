@@ -9,7 +9,7 @@ import pytest
 from shapes import above, plate_over_plane
 
 from shadowjax import (
-    BruteForce,
+    BruteForceCaster,
     DirectionalLight,
     camera_grid,
     mesh_edges,
@@ -25,7 +25,7 @@ MESH, CAMERA = plate_over_plane(), above()
 
 
 def picture(light, jitted=False):
-    surface = trace_surface(MESH, CAMERA, 8, 6, BruteForce())
+    surface = trace_surface(MESH, CAMERA, 8, 6, BruteForceCaster())
     ones = jnp.ones(surface.face.shape)
     draw = (
         jax.jit(lambda light: shade(surface, (light,), (ones,)))

@@ -16,9 +16,9 @@ from experiments.ideal_edge import edge_reach, spot_visibility
 from experiments.mdsm_cost_5_6_to_5_8 import slope_of
 from experiments.pictures import CloseUp, close_up
 from experiments.warped_views import refined_largest
+from shadowjax import scenes
 from shadowjax.filters.hard import Hard
 from shadowjax.filters.pcf import PercentageCloser
-from shadowjax.geometry import scenes
 
 
 def test_an_edge_at_0_degrees_lies_along_the_rows_and_at_90_along_the_columns():

@@ -8,9 +8,9 @@ import pytest
 from scipy import integrate
 
 from shadowjax import Convolution, FourierStep, MeanDepthConvolution, Prefilter
-from shadowjax.analysis.ledger._filtering_bases import step_series
 from shadowjax.filters.base import Lookup
 from shadowjax.filters.convolution import basis_bytes, fourier_bases, fourier_visibility
+from shadowjax.ledger.filtering.bases import step_series
 
 RNG = np.random.default_rng(5)
 series = jax.jit(lambda stored, depth: fourier_visibility(list(fourier_bases(stored[None], 4)[:, 0]), depth))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from shadowjax import Camera
+from shadowjax.geometry.light_space import DirectionalSpace
 from shadowjax.geometry.transforms import any_perpendicular, light_frame, view_frame
-from shadowjax.rays.light_space import DirectionalSpace
 from shadowjax.warps.fit import light_frustum, view_axis
 
 ANGLES = np.concatenate([[0.0], np.geomspace(1e-8, np.pi / 2, 40), [np.pi / 2, 3.0, np.pi - 1e-6, np.pi]])

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from mesh_bytes import BOX_CORNERS, BOX_FACES
 
-from shadowjax import Camera, Mesh, PointLight, SpotLight, cast, load
-from shadowjax.geometry import staging
+from shadowjax import Camera, Mesh, PointLight, SpotLight, astype, load
 from shadowjax.geometry.transforms import rotation, scaling, translation
+from shadowjax.scenes import staging
 
 UTM = np.array([500_000.0, 35.0, -5_400_000.0])
 EYE, AIM = np.array([40.0, 30.0, 60.0]), np.array([10.0, 4.0, 6.0])
@@ -78,7 +78,7 @@ def test_meshes_of_two_origins_are_merged_where_they_stand():
     mesh = Mesh.merge([house(origin=UTM), house(origin=UTM + BESIDE), house(origin=UTM)])
     assert mesh.origin == tuple(UTM)
     np.testing.assert_array_equal(mesh.vertices, np.concatenate([HOUSE, HOUSE + BESIDE, HOUSE]))
-    assert cast(mesh, jnp.float64).origin == mesh.origin
+    assert astype(mesh, jnp.float64).origin == mesh.origin
     np.testing.assert_array_equal(world(mesh.about(UTM - 8.0)), world(mesh))
     up = staging.upright(house(origin=UTM), "z")
     np.testing.assert_array_equal(world(up), (HOUSE + UTM)[:, [0, 2, 1]] * [1, 1, -1])

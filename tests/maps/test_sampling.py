@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from shadowjax import PointLight
+from shadowjax._numerics import far_away
+from shadowjax.geometry.light_space import OctahedralSpace
 from shadowjax.maps.sampling import read_bilinear, read_nearest, read_texels
-from shadowjax.rays.light_space import OctahedralSpace
-from shadowjax.rays.ray import far_away
 
 MAP = jnp.arange(12.0).reshape(1, 3, 4)
 

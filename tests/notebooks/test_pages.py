@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from shadowjax.techniques import TECHNIQUES
+from shadowjax.techniques.registry import TECHNIQUES
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]

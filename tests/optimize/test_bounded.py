@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shadowjax.optimize.bounded import lowest
+from shadowjax.optimize.solvers.bounded import minimise_multistart
 
 
 def valley(x):
@@ -24,7 +24,7 @@ def kink(x):
 
 
 def test_the_lowest_point_inside_and_on_a_bound():
-    inside = lowest(valley, [[-1.0, 1.0]], [-2, -2], [2, 2])
+    inside = minimise_multistart(valley, [[-1.0, 1.0]], [-2, -2], [2, 2])
     assert inside.converged
     np.testing.assert_allclose(inside.parameters, [1, 1], atol=1e-4)
     assert inside.slope < 1e-3
@@ -32,16 +32,16 @@ def test_the_lowest_point_inside_and_on_a_bound():
     np.testing.assert_array_equal(inside.history[0], [-1, 1])
     np.testing.assert_array_equal(inside.history[-1], inside.parameters)
     # With a ≤ ½ the valley's floor b = a² is lowest at its end.
-    bounded = lowest(valley, [[-1.0, 1.0]], [-2, -2], [0.5, 2])
+    bounded = minimise_multistart(valley, [[-1.0, 1.0]], [-2, -2], [0.5, 2])
     np.testing.assert_allclose(bounded.parameters, [0.5, 0.25], atol=1e-4)
     np.testing.assert_array_equal(bounded.at_bound, [True, False])
     assert bounded.slope < 1e-3
-    fixed = lowest(valley, [[0.7, 1.0]], [0.5, -2], [0.5, 2])
+    fixed = minimise_multistart(valley, [[0.7, 1.0]], [0.5, -2], [0.5, 2])
     np.testing.assert_allclose(fixed.parameters, [0.5, 0.25], atol=1e-4)
 
 
 def test_several_starts_tell_several_valleys():
-    found = lowest(waves, [[4.0], [0.4], [-2.2], [-0.3]], [-5], [5])
+    found = minimise_multistart(waves, [[4.0], [0.4], [-2.2], [-0.3]], [-5], [5])
     np.testing.assert_allclose(found.parameters, 0, atol=1e-5)
     assert found.reached(1e-6) == 2
     assert found.losses.shape == (4,)
@@ -50,10 +50,10 @@ def test_several_starts_tell_several_valleys():
 
 
 def test_it_says_why_it_did_not_converge():
-    few = lowest(valley, [[-1.0, 1.0]], [-2, -2], [2, 2], max_steps=2)
+    few = minimise_multistart(valley, [[-1.0, 1.0]], [-2, -2], [2, 2], max_steps=2)
     assert not few.converged
     assert "raise max_steps" in few.reason
-    stuck = lowest(kink, [[1.7, 0.8]], [-3, -3], [3, 3])
+    stuck = minimise_multistart(kink, [[1.7, 0.8]], [-3, -3], [3, 3])
     assert not stuck.converged
     assert "a kink" in stuck.reason
 
@@ -72,6 +72,6 @@ def test_it_says_why_it_did_not_converge():
 )
 def test_bad_input_is_named(options, told):
     with pytest.raises(ValueError, match=told):
-        lowest(valley, **{"starts": [[0.0, 0.0]], "lower": [-2, -2], "upper": [2, 2], **options})
+        minimise_multistart(valley, **{"starts": [[0.0, 0.0]], "lower": [-2, -2], "upper": [2, 2], **options})
     with pytest.raises(ValueError, match="not finite at the start"):
-        lowest(lambda x: (np.nan, x), [[0.0]], [-1], [1])
+        minimise_multistart(lambda x: (np.nan, x), [[0.0]], [-1], [1])

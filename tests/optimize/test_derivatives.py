@@ -13,23 +13,23 @@ import pytest
 from shapes import above, plate_over_plane
 
 import shadowjax
-from shadowjax import BruteForce, DirectionalLight, Hard, trace_surface
-from shadowjax.analysis.split_search import best_shares
-from shadowjax.optimize import near_distance as near_distances
-from shadowjax.optimize.bias import best_bias
-from shadowjax.optimize.bounded import lowest
-from shadowjax.optimize.exponent import best_numbers
-from shadowjax.optimize.inverse import recover
-from shadowjax.optimize.joint import joint_splits
-from shadowjax.optimize.near_distance import near_distance
-from shadowjax.optimize.scene_aware import near_distance_for_view, seen_pixels, splits_for_view
-from shadowjax.optimize.splits import splits
-from shadowjax.optimize.taps import best_depths, best_taps
-from shadowjax.optimize.vertices import descend
-from shadowjax.warps.light_frustum import LightFrustum
+from shadowjax import BruteForceCaster, DirectionalLight, Hard, trace_surface
+from shadowjax.optimize.analytic import near_distance as near_distances
+from shadowjax.optimize.analytic.joint import joint_splits
+from shadowjax.optimize.analytic.near_distance import near_distance
+from shadowjax.optimize.analytic.splits import splits
+from shadowjax.optimize.solvers.bounded import minimise_multistart
+from shadowjax.optimize.solvers.descent import descend
+from shadowjax.optimize.solvers.least_squares import recover
+from shadowjax.optimize.viewed.bias import best_bias
+from shadowjax.optimize.viewed.filter_numbers import best_numbers
+from shadowjax.optimize.viewed.near_distance_and_splits import near_distance_for_view, seen_pixels, splits_for_view
+from shadowjax.optimize.viewed.taps import best_depths, best_taps
+from shadowjax.theory.aliasing.light_frustum import LightFrustum
+from shadowjax.theory.aliasing.roots import implicit
+from shadowjax.theory.aliasing.split_search import best_shares
+from shadowjax.theory.aliasing.strength import least_worst_strength
 from shadowjax.warps.logarithmic import log_distance
-from shadowjax.warps.roots import implicit
-from shadowjax.warps.strength import least_worst_strength
 
 COUNT = 400
 NEARBY = 1e-4  # of a change of the active set, relative
@@ -238,7 +238,7 @@ def test_joint_splits_carry_their_implicit_derivative(seam_limit):
 def test_near_distance_for_a_view_carries_its_implicit_derivative(objective, lean):
     """Weights changed at random rates, with the light upright about the view (smooth) and leaning (a kink)."""
     mesh, camera = plate_over_plane(), above()
-    surface = trace_surface(mesh, camera, 24, 24, BruteForce())
+    surface = trace_surface(mesh, camera, 24, 24, BruteForceCaster())
     towards = 0.6 * np.asarray(camera.forward) - 0.8 * np.asarray(camera.up)
     pixels = seen_pixels(surface, camera, DirectionalLight.create(towards + lean * np.asarray(camera.right)))
     rates = jnp.asarray(np.random.default_rng(2).normal(size=pixels.weight.shape))
@@ -262,7 +262,7 @@ def refusals():
     slope = lambda x: (float(x[0] ** 2), 2 * x)  # noqa: E731
     calls = {
         best_shares: lambda t: (np.exp, t, 2),
-        lowest: lambda t: (slope, [[1.0]], [t], [2.0]),
+        minimise_multistart: lambda t: (slope, [[1.0]], [t], [2.0]),
         descend: lambda t: (slope, t * jnp.ones((1, 3)), np.eye(1), 1, 0.1),
         recover: lambda t: (lambda x: x, [t * jnp.ones(1)]),
         best_depths: lambda t: (numbers(t), numbers(t)),
@@ -284,7 +284,7 @@ def test_what_only_chooses_refuses_to_be_differentiated(name):
 def test_planes_chosen_from_seen_pixels_refuse_to_be_differentiated():
     mesh, camera = plate_over_plane(), above()
     light = DirectionalLight.create((0.2, -1.0, 0.3))
-    pixels = seen_pixels(trace_surface(mesh, camera, 12, 12, BruteForce()), camera, light)
+    pixels = seen_pixels(trace_surface(mesh, camera, 12, 12, BruteForceCaster()), camera, light)
     total = lambda w: jnp.sum(splits_for_view(eqx.tree_at(lambda p: p.weight, pixels, w), 2, 8).splits)  # noqa: E731
     with pytest.raises(ValueError, match="chooses planes among candidates, which has no derivative"):
         jax.grad(total)(pixels.weight)
@@ -292,35 +292,35 @@ def test_planes_chosen_from_seen_pixels_refuse_to_be_differentiated():
 
 # Where the package searches or chooses, and how its derivative is held to account. A new module that does fails here.
 SEARCHES = {
-    "optimize/near_distance.py": test_near_distance_is_differentiated_in_both_modes,
-    "optimize/splits.py": test_splits_carry_their_implicit_derivative,
-    "optimize/joint.py": test_joint_splits_carry_their_implicit_derivative,
-    "optimize/scene_aware.py": test_near_distance_for_a_view_carries_its_implicit_derivative,
-    "warps/strength.py": test_strength_of_least_worst_error_carries_its_implicit_derivative,
-    "warps/minimax.py": test_near_distance_is_differentiated_in_both_modes,  # its closed forms
+    "optimize/analytic/near_distance.py": test_near_distance_is_differentiated_in_both_modes,
+    "optimize/analytic/splits.py": test_splits_carry_their_implicit_derivative,
+    "optimize/analytic/joint.py": test_joint_splits_carry_their_implicit_derivative,
+    "optimize/viewed/near_distance_and_splits.py": test_near_distance_for_a_view_carries_its_implicit_derivative,
+    "theory/aliasing/strength.py": test_strength_of_least_worst_error_carries_its_implicit_derivative,
+    "theory/aliasing/optimal.py": test_near_distance_is_differentiated_in_both_modes,  # its closed forms
     "warps/logarithmic.py": "test_the_logarithmic_warp_carries_its_implicit_derivative",
-    "analysis/split_search.py": "best_shares",
-    "optimize/bounded.py": "lowest",
-    "optimize/vertices.py": "descend",
-    "optimize/inverse.py": "recover",
-    "optimize/taps.py": "best_taps",
-    "optimize/exponent.py": "best_numbers",
-    "optimize/bias.py": "best_bias",
+    "theory/aliasing/split_search.py": "best_shares",
+    "optimize/solvers/bounded.py": "minimise_multistart",
+    "optimize/solvers/descent.py": "descend",
+    "optimize/solvers/least_squares.py": "recover",
+    "optimize/viewed/taps.py": "best_taps",
+    "optimize/viewed/filter_numbers.py": "best_numbers",
+    "optimize/viewed/bias.py": "best_bias",
 }
 ELSEWHERE = {
-    "optimize/seen_pixels.py": "which corners bound a map's width, an index",
-    "warps/roots.py": "the finders themselves",
+    "optimize/viewed/seen_pixels.py": "which corners bound a map's width, an index",
+    "theory/aliasing/roots.py": "the finders themselves",
 }
 FINDERS = {"minimise", "minimize", "minimize_scalar", "root_find", "bisect", "least", "least_largest", "implicit",
            "custom_root", "nnls", "BFGS", "linearized", "least_squares"}  # fmt: skip
-NOT_OURS = ("analysis/ledger/", "rays/", "volumes/", "cli/", "report/", "plotting/")
+NOT_OURS = ("ledger/", "rays/", "volumes/", "cli/", "report/", "plotting/")
 
 
 def searches(path):
     """Whether a module calls a finder, or is an optimiser's and takes the best of several."""
     calls = [node.func for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
     names = {f.attr if isinstance(f, ast.Attribute) else getattr(f, "id", "") for f in calls}
-    return bool(names & (FINDERS | ({"argmin", "argmax"} if path.parent.name == "optimize" else set())))
+    return bool(names & (FINDERS | ({"argmin", "argmax"} if "optimize" in path.parts else set())))
 
 
 def test_every_search_of_the_package_is_differentiated_or_refuses():

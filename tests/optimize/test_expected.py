@@ -7,10 +7,10 @@ import pytest
 
 from shadowjax import DirectionalLight, make_scene
 from shadowjax.geometry.light import PointLight
-from shadowjax.optimize.expected import BentFit, ExpectedError, Settings, error_and_slope
-from shadowjax.rays.brute import BruteForce
+from shadowjax.optimize.viewed.expected import BentFit, ExpectedError, Settings, error_and_slope
+from shadowjax.rays.brute import BruteForceCaster
 
-SIZES = {"width": 24, "height": 18, "resolution": 24, "caster": BruteForce()}
+SIZES = {"width": 24, "height": 18, "resolution": 24, "caster": BruteForceCaster()}
 
 
 @pytest.fixture(scope="module")

@@ -12,10 +12,10 @@ from shadowjax.cli.main import main
 from shadowjax.filters.chosen_depths import Cells, Ranks, neighbourhood_cells
 from shadowjax.filters.multi_depth import max_neighbour, min_max_neighbours, shifted
 from shadowjax.filters.offset_pcf import OffsetPercentageCloser
-from shadowjax.optimize import taps
-from shadowjax.optimize.bias import best_bias
-from shadowjax.optimize.exponent import FAMILIES, best_numbers
-from shadowjax.optimize.viewed import error_of, view_scene
+from shadowjax.optimize.viewed import taps
+from shadowjax.optimize.viewed.bias import best_bias
+from shadowjax.optimize.viewed.filter_numbers import FAMILIES, best_numbers
+from shadowjax.optimize.viewed.views import error_of, view_scene
 
 DEPTH = jnp.asarray(np.random.default_rng(3).uniform(1, 2, (7, 9)))
 

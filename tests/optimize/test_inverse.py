@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from shadowjax.optimize.inverse import linearized, recover
+from shadowjax.optimize.solvers.least_squares import linearized, recover
 
 
 class Valley(eqx.Module):

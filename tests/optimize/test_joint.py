@@ -4,14 +4,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from shadowjax.analysis.storage import seam_jumps, storage_of_splits
-from shadowjax.optimize.joint import joint_splits, log_storages
-from shadowjax.optimize.splits import splits
-from shadowjax.partitions.z_split import logarithmic_splits
-from shadowjax.warps import lispsm
-from shadowjax.warps.light_frustum import LightFrustum
-from shadowjax.warps.minimax import least_storage
-from shadowjax.warps.prediction import error_x, error_z, storage_factor
+from shadowjax.optimize.analytic.joint import joint_splits, log_storages
+from shadowjax.optimize.analytic.splits import splits
+from shadowjax.partitions.cascades import logarithmic_splits
+from shadowjax.theory.aliasing import near_distances
+from shadowjax.theory.aliasing.error import error_x, error_z, storage_factor
+from shadowjax.theory.aliasing.light_frustum import LightFrustum
+from shadowjax.theory.aliasing.optimal import least_storage
+from shadowjax.theory.aliasing.storage import seam_jumps, storage_of_splits
 
 VIEW = (1.0, 100.0, np.pi / 6)
 
@@ -91,8 +91,8 @@ def test_parallel_light_keeps_all_slices_but_the_first_at_the_limit():
     np.testing.assert_allclose(found.splits, [1, 12.5, 25, 50, 100], rtol=1e-6)
     np.testing.assert_allclose(found.storage, 12.5**2, rtol=1e-6)
     view = LightFrustum.create(*VIEW, 0.0)
-    assert float(jnp.max(jnp.stack(seam_jumps(view, found.splits, lispsm.uniform)))) <= 2 * (1 + 1e-7)
-    direct = storage_of_splits(view, found.splits, lispsm.uniform, "max")
+    assert float(jnp.max(jnp.stack(seam_jumps(view, found.splits, near_distances.uniform)))) <= 2 * (1 + 1e-7)
+    direct = storage_of_splits(view, found.splits, near_distances.uniform, "max")
     np.testing.assert_allclose(found.storage, direct, rtol=1e-9)
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from views import random_frusta
 
-from shadowjax.optimize.near_distance import OBJECTIVES, near_distance
-from shadowjax.warps.lispsm import generalised
-from shadowjax.warps.minimax import balanced, least_storage, minimax
-from shadowjax.warps.prediction import max_error_x, max_error_z, storage_factor
+from shadowjax.optimize.analytic.near_distance import OBJECTIVES, near_distance
+from shadowjax.theory.aliasing.error import max_error_x, max_error_z, storage_factor
+from shadowjax.theory.aliasing.near_distances import generalised
+from shadowjax.theory.aliasing.optimal import balanced, least_storage, minimax
 
 COUNT = 400
 

@@ -7,11 +7,16 @@ import numpy as np
 import pytest
 from shapes import above, lights, plate_over_plane
 
-from shadowjax import BruteForce, DirectionalLight, camera_grid, trace_surface
-from shadowjax.analysis.measure import aliasing_map
-from shadowjax.optimize.scene_aware import mean_error, near_distance_for_view, seen_pixels, splits_for_view
-from shadowjax.optimize.seen_pixels import chart_between, moments, total_error
-from shadowjax.rays.light_space import farthest, light_space
+from shadowjax import BruteForceCaster, DirectionalLight, camera_grid, trace_surface
+from shadowjax.evaluate.measure import aliasing_map
+from shadowjax.geometry.light_space import farthest, light_space
+from shadowjax.optimize.viewed.near_distance_and_splits import (
+    mean_error,
+    near_distance_for_view,
+    seen_pixels,
+    splits_for_view,
+)
+from shadowjax.optimize.viewed.seen_pixels import chart_between, moments, total_error
 from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.warps.fit import corners, view_axis
 from shadowjax.warps.perspective import PerspectiveWarp
@@ -23,7 +28,7 @@ SIZE = 40
 
 @pytest.fixture(scope="module")
 def surface():
-    return trace_surface(MESH, CAMERA, SIZE, SIZE, BruteForce())
+    return trace_surface(MESH, CAMERA, SIZE, SIZE, BruteForceCaster())
 
 
 @pytest.fixture(scope="module")

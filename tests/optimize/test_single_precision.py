@@ -5,11 +5,11 @@ import numpy as np
 import optimum_oracle as oracle
 import pytest
 
-from shadowjax.optimize.near_distance import near_distance
-from shadowjax.warps.light_frustum import LightFrustum
-from shadowjax.warps.lispsm import generalised
-from shadowjax.warps.minimax import balanced, least_storage, minimax
-from shadowjax.warps.rounding import Running
+from shadowjax.optimize.analytic.near_distance import near_distance
+from shadowjax.theory.aliasing.light_frustum import LightFrustum
+from shadowjax.theory.aliasing.near_distances import generalised
+from shadowjax.theory.aliasing.optimal import balanced, least_storage, minimax
+from shadowjax.theory.aliasing.rounding import Running
 
 COUNT = 300
 ONCE_WRONG = (0.09538526, 488041.09, 0.18516608, 0.18516614)

@@ -4,12 +4,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from shadowjax.analysis.split_search import best_shares, planes_of
-from shadowjax.optimize.splits import splits
-from shadowjax.partitions.z_split import logarithmic_splits
-from shadowjax.warps.light_frustum import LightFrustum
-from shadowjax.warps.lispsm import generalised
-from shadowjax.warps.prediction import storage_factor
+from shadowjax.optimize.analytic.splits import splits
+from shadowjax.partitions.cascades import logarithmic_splits
+from shadowjax.theory.aliasing.error import storage_factor
+from shadowjax.theory.aliasing.light_frustum import LightFrustum
+from shadowjax.theory.aliasing.near_distances import generalised
+from shadowjax.theory.aliasing.split_search import best_shares, planes_of
 
 VIEW = (1.0, 100.0, np.pi / 6, np.pi / 4)
 

@@ -10,11 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from shadowjax.optimize.sweep import sweep
-from shadowjax.warps.light_frustum import LightFrustum
-from shadowjax.warps.lispsm import generalised
-from shadowjax.warps.minimax import minimax
-from shadowjax.warps.prediction import max_error_z, storage_factor
+from shadowjax.optimize.analytic.sweep import sweep
+from shadowjax.theory.aliasing.error import max_error_z, storage_factor
+from shadowjax.theory.aliasing.light_frustum import LightFrustum
+from shadowjax.theory.aliasing.near_distances import generalised
+from shadowjax.theory.aliasing.optimal import minimax
 
 GAMMAS = np.deg2rad([0, 1e-6, 20, 29.317033, 30, 45, 90])
 ROOT = Path(__file__).resolve().parents[2]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shadowjax.optimize.vertices import descend, diffuser
+from shadowjax.optimize.solvers.descent import descend, diffuser
 
 FACES = np.array([[0, 1, 2], [0, 2, 3], [0, 0, 0]])
 START = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])

@@ -10,8 +10,8 @@ import pytest
 import trimesh
 
 from shadowjax import DirectionalLight, Hit, Mesh, Rays, SpotLight, intersect
+from shadowjax.geometry.light_space import farthest, light_space
 from shadowjax.rays.casters import CASTERS, make_caster
-from shadowjax.rays.light_space import farthest, light_space
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 

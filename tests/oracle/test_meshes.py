@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from shadowjax import BruteForce, Camera, Mesh, camera_grid, intersect, load
+from shadowjax import BruteForceCaster, Camera, Mesh, camera_grid, intersect, load
 
 MADE = {
     "torus": lambda: trimesh.creation.torus(1.0, 0.35),
@@ -44,7 +44,7 @@ def test_depth_map_agrees_with_embree(source):
     )
     grid = camera_grid(camera, 128, 128)
     rays = grid.rays().flattened()
-    hit = BruteForce().closest(mesh, rays)
+    hit = BruteForceCaster().closest(mesh, rays)
     body = trimesh.Trimesh(np.asarray(mesh.vertices, float), np.asarray(mesh.faces), process=False)
     origins, directions = np.asarray(rays.origins, float), np.asarray(rays.directions, float)
     place, index, face = body.ray.intersects_location(origins, directions, multiple_hits=False)

@@ -9,16 +9,23 @@ import pytest
 from adaptive_case import scene, technique
 from shapes import bumpy_sphere, lights
 
-from shadowjax import Bias, Camera, Exact, Hard, Mesh, ShadowMapping, cast
-from shadowjax.adaptive import AdaptiveShadowMapping, placed_on
+from shadowjax import Bias, Camera, Exact, Hard, Mesh, ShadowMapping, astype
 from shadowjax.geometry.polygons import polygon_of_face
-from shadowjax.partitions.footprint import FOOTPRINTS, mip_value, on_surface, singular_values
-from shadowjax.partitions.page_table import TILE_BYTES, PageTable
-from shadowjax.partitions.refinement import refinement_cost, wishes
-from shadowjax.partitions.tile_store import TileStore, slots_in
-from shadowjax.partitions.tile_tree import MAX_LEVEL, deinterleaved, interleaved, place_of, span_of, tiles_of_level
-from shadowjax.partitions.whole import Whole
+from shadowjax.partitions.adaptive.footprint import FOOTPRINTS, mip_value, on_surface, singular_values
+from shadowjax.partitions.adaptive.page_table import TILE_BYTES, PageTable
+from shadowjax.partitions.adaptive.refinement import refinement_cost, wishes
+from shadowjax.partitions.adaptive.tile_store import TileStore, slots_in
+from shadowjax.partitions.adaptive.tile_tree import (
+    MAX_LEVEL,
+    deinterleaved,
+    interleaved,
+    place_of,
+    span_of,
+    tiles_of_level,
+)
+from shadowjax.partitions.single import SingleMap
 from shadowjax.rays.ray_grid import camera_grid
+from shadowjax.techniques.adaptive import AdaptiveShadowMapping, placed_on
 
 SMALL, LARGE = 1 << 13, 1 << 16
 ROUNDING = {jnp.float32: 2e-6}
@@ -158,7 +165,7 @@ def test_mip_levels_see_the_longer_axis_of_a_footprint_for_both():
         camera = Camera.look_at((0.0, 9 * np.cos(tilt), 9 * np.sin(tilt)), (0.0, 0, 0), (0.0, 0.1, -1.0), phi_y=0.3,
                                 near=1, far=20)  # fmt: skip
         view = camera_grid(camera, 1001, 1001)
-        grid = jax.jit(lambda camera: Whole().grids(floor, light, camera, 8)[0])(camera)
+        grid = jax.jit(lambda camera: SingleMap().grids(floor, light, camera, 8)[0])(camera)
         true, mean, guess = (float(part[0]) for part in spans(view, grid, point, normal))
         assert guess**2 / mean**2 == pytest.approx(1 / np.cos(tilt), rel=1e-9)
         assert true / mean == pytest.approx(np.cos(tilt) ** 0.5, rel=1e-9)
@@ -350,4 +357,4 @@ def test_defaults_reach_65536_texels_and_cast_to_float32():
     assert AdaptiveShadowMapping(tile_size=16).finest_level == 12
     assert AdaptiveShadowMapping(tile_size=4).finest_level == 14
     assert AdaptiveShadowMapping(tile_size=1).finest_level == 15
-    assert cast(AdaptiveShadowMapping(), jnp.float32).num_tones == 2
+    assert astype(AdaptiveShadowMapping(), jnp.float32).num_tones == 2

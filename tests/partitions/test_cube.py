@@ -19,8 +19,8 @@ from shadowjax import (
     make_partition,
     make_technique,
 )
-from shadowjax.geometry.scenes.parts import rotation
-from shadowjax.partitions.cube import Cube, face_frames, face_of
+from shadowjax.partitions.cube import CubeMap, face_frames, face_of
+from shadowjax.scenes.parts import rotation
 
 PLACE = np.array([0.13, -0.07, 0.05])
 TURN = np.asarray(rotation((1.0, 2.0, -1.5), 0.9))
@@ -99,7 +99,7 @@ def rim_distance_at_least(directions, angle, exact):
 
 @eqx.filter_jit
 def placed_in_faces(light, camera, points):
-    cube = Cube(0)
+    cube = CubeMap(0)
     grids = cube.grids(plate_over_plane(points.dtype), light, camera, 64)
     face = cube.select(grids, camera, points)
     place = jnp.stack([grid.locate(points)[0] for grid in grids])
@@ -131,9 +131,9 @@ def test_a_lit_room_has_no_seam_at_any_edge_or_corner():
     assert np.asarray(visibility(shadows, *wall_points(directions)))[plain].min() == 1
 
 
-class _WithoutMargin(Cube):
-    def reaching(self, texels):
-        return Cube(0)
+class _WithoutMargin(CubeMap):
+    def with_margin(self, texels):
+        return CubeMap(0)
 
 
 def test_shadows_run_over_every_edge():
@@ -194,7 +194,7 @@ def test_a_spot_of_almost_half_the_sphere_gets_the_maps_of_a_point_light():
 
 
 def test_smooth_filters_cross_edges_too():
-    technique = ShadowMapping(Variance(), CUBE.resolution, Cube())
+    technique = ShadowMapping(Variance(), CUBE.resolution, CubeMap())
     shadows = technique.build(room_with_plates(0.0), PointLight.create(PLACE), above())
     directions = walk_across_edges()
     answer = np.asarray(visibility(shadows, *wall_points(directions)))
@@ -207,10 +207,10 @@ def test_gradients_through_the_maps_are_finite():
     mesh, light = room_with_plates(), PointLight.create(PLACE)
 
     def total(place):
-        grids = Cube().grids(mesh, PointLight(place, light.color), above(), 16)
+        grids = CubeMap().grids(mesh, PointLight(place, light.color), above(), 16)
         points = jnp.asarray(PLACE + np.concatenate([walk_across_edges(3, 2), np.zeros((1, 3))]))
         where = [grid.locate(points) for grid in grids]
-        shares = Cube().shares(grids, above(), points)
+        shares = CubeMap().shares(grids, above(), points)
         return sum(jnp.sum(share * depth) for share, (_, depth) in zip(shares, where, strict=True))
 
     assert bool(jnp.isfinite(eqx.filter_jit(jax.grad(total))(light.position)).all())
@@ -220,11 +220,11 @@ def test_a_directional_light_needs_one_map_only():
     mesh, light, camera = plate_over_plane(), lights()["directional"], above()
     grids = make_partition("cube").grids(mesh, light, camera, 32)
     assert len(grids) == 1
-    assert (Cube().select(grids, camera, mesh.vertices) == 0).all()
+    assert (CubeMap().select(grids, camera, mesh.vertices) == 0).all()
 
 
 def test_bad_input_is_named():
     with pytest.raises(ValueError, match="margin must be an integer of at least 0; got -1"):
-        Cube(-1)
+        CubeMap(-1)
     with pytest.raises(ValueError, match=r"8 texels leaves nothing inside margins of 5 .* at least 11"):
         make_technique("cube+pcf-3x3", 8).build(plate_over_plane(), PointLight.create(PLACE), above())

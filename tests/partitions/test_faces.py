@@ -8,8 +8,8 @@ import pytest
 from shapes import above, lights, plate_over_plane
 
 from shadowjax import Camera, DirectionalLight, Exact, ShadowMapping
-from shadowjax.analysis.shimmer import in_view
-from shadowjax.partitions.faces import Faces, face_near_distance, faces_that_apply
+from shadowjax.evaluate.shimmer import in_view
+from shadowjax.partitions.faces import FacePartition, face_near_distance, faces_that_apply
 from shadowjax.partitions.registry import PARTITIONS, make_partition
 
 MESH = plate_over_plane()
@@ -36,7 +36,7 @@ def points_in_the_view(camera, count=4000):
 @eqx.filter_jit
 def places(camera, light, points):
     """Region of every point, its (s, t) there, and which faces apply."""
-    faces = Faces(tight=False)
+    faces = FacePartition(tight=False)
     grids = faces.grids(MESH, light, camera, 8)
     region = faces.select(grids, camera, points)
     square = jnp.stack([grid.locate(points)[0] / 8 for grid in grids])
@@ -96,7 +96,7 @@ def test_shadows_are_the_exact_ones_but_for_a_texel_at_their_edges(gamma_deg):
     keep = in_view(camera, points)
     light = DirectionalLight.create(np.cos(gamma) * np.asarray(camera.forward) - np.sin(gamma) * np.asarray(camera.up))
     exact = read(Exact().build(MESH, light, camera), points, normals)
-    built = ShadowMapping(resolution=256, partition=Faces()).build(MESH, light, camera)
+    built = ShadowMapping(resolution=256, partition=FacePartition()).build(MESH, light, camera)
     value = read(built, points, normals)
     wrong = jnp.abs(value - exact) > 0
     assert 0.02 < float(jnp.mean(exact, where=keep)) < 0.98
@@ -117,20 +117,20 @@ def test_shadows_are_the_exact_ones_but_for_a_texel_at_their_edges(gamma_deg):
 
 
 def test_registry_and_bad_light():
-    assert isinstance(make_partition("faces"), Faces)
+    assert isinstance(make_partition("faces"), FacePartition)
     assert {"whole", "z", "faces"} <= set(PARTITIONS)
     with pytest.raises(ValueError, match="'whole'"):
         make_partition("cubes")
     for kind in ("spot", "point"):
         with pytest.raises(ValueError, match="directional light; got"):
-            Faces().grids(MESH, lights()[kind], above(), 8)
+            FacePartition().grids(MESH, lights()[kind], above(), 8)
 
 
 def test_gradient_of_every_warp_by_the_light_is_finite():
     @jax.jit
     @jax.grad
     def slope(direction):
-        grids = Faces(tight=False).grids(MESH, DirectionalLight(direction, jnp.ones(3)), UPRIGHT, 8)
+        grids = FacePartition(tight=False).grids(MESH, DirectionalLight(direction, jnp.ones(3)), UPRIGHT, 8)
         return sum(jnp.sum(grid.plane_map.inverse(jnp.full((1, 2), 0.3))) for grid in grids)
 
     for gamma in (0.0, 0.3, np.pi / 2):

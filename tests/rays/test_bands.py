@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from shapes import random_soup
 
-from shadowjax import BruteForce, _checks
+from shadowjax import BruteForceCaster, _checks
+from shadowjax.geometry.light_space import PerspectiveSpace
 from shadowjax.rays.bands import depth_bands, depth_map, row_band
-from shadowjax.rays.bvh import BoundingVolumeHierarchy
-from shadowjax.rays.grid import Grid
-from shadowjax.rays.light_space import PerspectiveSpace
+from shadowjax.rays.bvh.caster import BvhCaster
+from shadowjax.rays.grid.caster import GridCaster
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -27,8 +27,8 @@ def whole_grid(dtype=jnp.float32) -> RayGrid:
 @pytest.mark.parametrize("caster", ["brute", "bvh", "grid"])
 def test_bands_are_the_whole_map_bit_for_bit(caster, tmp_path):
     mesh, grid = random_soup(50, 1, jnp.float32), whole_grid()
-    made = {"brute": BruteForce(), "bvh": BoundingVolumeHierarchy.build(mesh), "grid": Grid()}[caster]
-    expected = np.asarray(whole_depth(BruteForce(), mesh, grid))
+    made = {"brute": BruteForceCaster(), "bvh": BvhCaster.build(mesh), "grid": GridCaster()}[caster]
+    expected = np.asarray(whole_depth(BruteForceCaster(), mesh, grid))
     assert np.mean(expected < 9) > 0.1
     bands = dict(depth_bands(made, mesh, grid, rows=8))
     assert {start: len(band) for start, band in bands.items()} == {0: 8, 8: 8, 16: 5}
@@ -63,19 +63,19 @@ def test_what_does_not_fit_is_said_before_it_is_tried(monkeypatch):
     huge = RayGrid(grid.space, grid.plane_map, grid.far, 2**14, 2**14)
     monkeypatch.setattr(_checks, "available_memory", lambda: 2**29)
     with pytest.raises(ValueError, match=r"16384 × 16384 needs about 1.0 GiB, and 0.5 GiB are left; use .*`out`"):
-        depth_map(BruteForce(), mesh, huge)
+        depth_map(BruteForceCaster(), mesh, huge)
     with pytest.raises(ValueError, match="fewer rows in a band"):
-        next(depth_bands(BruteForce(), mesh, huge, rows=1024))
+        next(depth_bands(BruteForceCaster(), mesh, huge, rows=1024))
     monkeypatch.setattr(_checks, "available_memory", lambda: 2**10)
     with pytest.raises(ValueError, match="a tree over 50 triangles needs about"):
-        BoundingVolumeHierarchy.build(mesh)
+        BvhCaster.build(mesh)
 
 
 def test_bands_refuse_wrong_sizes():
     mesh, grid = random_soup(50, 1, jnp.float32), whole_grid()
     with pytest.raises(ValueError, match="power of two: rays are exact then; got 12"):
-        next(depth_bands(BruteForce(), mesh, grid, rows=12))
+        next(depth_bands(BruteForceCaster(), mesh, grid, rows=12))
     with pytest.raises(ValueError, match=r"rows 20 to 22 do not fit a grid of 21 rows"):
         row_band(grid, 20, 2)
     with pytest.raises(ValueError, match=r"shape of the grid, \(21, 12\); got \(3, 3\)"):
-        depth_map(BruteForce(), mesh, grid, np.zeros((3, 3), np.float32))
+        depth_map(BruteForceCaster(), mesh, grid, np.zeros((3, 3), np.float32))

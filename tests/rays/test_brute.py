@@ -11,12 +11,12 @@ import trimesh
 from grids import closest
 from shapes import above, bumpy_sphere, lights, plate_over_plane, random_soup
 
-from shadowjax import BruteForce, Camera, Mesh, PointLight, Rays, camera_grid, intersect
-from shadowjax.partitions.whole import Whole
+from shadowjax import BruteForceCaster, Camera, Mesh, PointLight, Rays, camera_grid, intersect
+from shadowjax.partitions.single import SingleMap
 from shadowjax.rays.ray import orthonormal_frame
 
-visible = eqx.filter_jit(lambda mesh, space, points, normals: BruteForce().visible(mesh, space, points, normals))
-closest_on_grid = eqx.filter_jit(lambda mesh, grid: BruteForce().closest_on_grid(mesh, grid))
+visible = eqx.filter_jit(lambda mesh, space, points, normals: BruteForceCaster().visible(mesh, space, points, normals))
+closest_on_grid = eqx.filter_jit(lambda mesh, grid: BruteForceCaster().closest_on_grid(mesh, grid))
 
 
 def embree(mesh: Mesh, origins, directions):
@@ -138,8 +138,8 @@ def test_jit_vmap_and_chunks_agree(dtype, rounding):
 
     @jax.jit
     def others(rays):
-        mapped = jax.vmap(lambda o, d: BruteForce().closest(mesh, Rays(o, d, rays.t_min, rays.t_max)))
-        return mapped(rays.origins, rays.directions), BruteForce(ray_chunk=64).closest(mesh, rays)
+        mapped = jax.vmap(lambda o, d: BruteForceCaster().closest(mesh, Rays(o, d, rays.t_min, rays.t_max)))
+        return mapped(rays.origins, rays.directions), BruteForceCaster(ray_chunk=64).closest(mesh, rays)
 
     for other in others(rays):
         np.testing.assert_array_equal(other.face, whole.face)
@@ -165,17 +165,17 @@ def test_depth_gradients_match_central_differences_in_vertices_camera_and_light(
     def loss(parameters, make_grid, keep):
         vertices, source = parameters
         moved = Mesh(vertices, mesh.faces, mesh.face_colors)
-        hit = BruteForce().closest_on_grid(moved, make_grid(moved, source))
+        hit = BruteForceCaster().closest_on_grid(moved, make_grid(moved, source))
         return jnp.sum(jnp.where(keep, hit.depth * weights, 0.0))
 
     camera = Camera.look_at((0.3, 0.4, 4.0), (0.0, 0, 0), phi_y=0.3, near=1.0, far=8.0)
     cases = {"camera": (camera, lambda _, source: camera_grid(source, 12, 12))}
     inside = PointLight.create((0.1, 0.05, -0.1))
     for name, light in (lights() | {"point": inside}).items():
-        cases[name] = (light, lambda moved, source: Whole().grids(moved, source, camera, 12)[0])
+        cases[name] = (light, lambda moved, source: SingleMap().grids(moved, source, camera, 12)[0])
     rng = np.random.default_rng(5)
     for name, (source, make_grid) in cases.items():
-        keep = _interior(BruteForce().closest_on_grid(mesh, make_grid(mesh, source)))
+        keep = _interior(BruteForceCaster().closest_on_grid(mesh, make_grid(mesh, source)))
         assert int(jnp.sum(keep)) > 3, name
         parameters = (mesh.vertices, source)
         value = partial(loss, make_grid=make_grid, keep=keep)
@@ -206,7 +206,7 @@ def test_gradients_are_finite_for_misses_grazing_rays_and_degenerate_triangles(d
     directions = jnp.asarray([[0, -1, 0], [0, -1, 0], [1, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0]], dtype)
 
     def total(vertices, origins, directions):
-        hit = BruteForce().closest(
+        hit = BruteForceCaster().closest(
             Mesh(vertices, mesh.faces, mesh.face_colors), Rays.create(origins, directions, t_max=50.0)
         )
         return jnp.sum(hit.depth) + jnp.sum(hit.barycentrics**2)
@@ -238,7 +238,7 @@ def test_rays_refuse_bad_input():
 def test_visible_is_the_shadow_of_the_plate(dtype):
     """Exact visibility equals the closed form: the plate's corners projected along the light onto the floor."""
     mesh, light = plate_over_plane(dtype), lights(dtype)["directional"]
-    grid = Whole().grids(mesh, light, above(dtype), 4)[0]
+    grid = SingleMap().grids(mesh, light, above(dtype), 4)[0]
     spots = jnp.stack(jnp.meshgrid(*[jnp.linspace(-3.9, 3.9, 64, dtype=dtype)] * 2), axis=-1)
     points = jnp.stack([spots[..., 0], jnp.zeros_like(spots[..., 0]), spots[..., 1]], axis=-1)
     normals = jnp.broadcast_to(jnp.asarray([0, 1, 0], dtype), points.shape)

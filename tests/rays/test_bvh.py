@@ -10,17 +10,17 @@ import pytest
 from grids import closest
 from shapes import bumpy_sphere, plate_over_plane, random_soup
 
-from shadowjax import BruteForce, Mesh, Rays
-from shadowjax.rays import bvh
-from shadowjax.rays._tree_build import LEAF_SIZE, build_topology
-from shadowjax.rays.bvh import _TREES, BoundingVolumeHierarchy
-from shadowjax.rays.grid import Grid
-from shadowjax.rays.light_space import OctahedralSpace
+from shadowjax import BruteForceCaster, Mesh, Rays
+from shadowjax.geometry.light_space import OctahedralSpace
+from shadowjax.rays.bvh import caster as caster_module
+from shadowjax.rays.bvh.build import LEAF_SIZE, build_topology
+from shadowjax.rays.bvh.caster import _TREES, BvhCaster
+from shadowjax.rays.grid.caster import GridCaster
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 
 NUM_FACES, NUM_RAYS = 200, 512
-brute = eqx.filter_jit(lambda mesh, rays: BruteForce().closest(mesh, rays))
+brute = eqx.filter_jit(lambda mesh, rays: BruteForceCaster().closest(mesh, rays))
 cast = eqx.filter_jit(lambda caster, mesh, rays: caster.closest(mesh, rays))
 
 
@@ -36,7 +36,7 @@ def assert_same(hit, expected):
 
 def test_it_is_brute_force_for_its_own_mesh_for_moved_vertices_and_for_other_triangles(dtype):
     mesh, rays = random_soup(NUM_FACES, 1, dtype), make_rays(2, dtype)
-    caster = BoundingVolumeHierarchy.build(mesh)
+    caster = BvhCaster.build(mesh)
     assert_same(cast(caster, mesh, rays), brute(mesh, rays))
     moved = Mesh(mesh.vertices * jnp.asarray([-1.5, 0.1, 1], dtype) + 0.3, mesh.faces, mesh.face_colors)
     turned = Mesh(mesh.vertices, mesh.faces[::-1], mesh.face_colors)
@@ -52,7 +52,7 @@ def test_it_is_brute_force_for_its_own_mesh_for_moved_vertices_and_for_other_tri
 def test_without_a_tree_it_builds_one_for_a_mesh_at_hand_or_traced_and_forgets_it_with_the_mesh():
     mesh, rays = random_soup(NUM_FACES, 1, jnp.float32), make_rays(2, jnp.float32)
     expected, before = brute(mesh, rays), set(_TREES)
-    unbound = BoundingVolumeHierarchy()
+    unbound = BvhCaster()
     assert_same(unbound.closest(mesh, rays), expected)
     (added,) = set(_TREES) - before
     tree = _TREES[added].tree
@@ -70,8 +70,8 @@ def test_without_a_tree_it_builds_one_for_a_mesh_at_hand_or_traced_and_forgets_i
 def test_a_remembered_tree_goes_with_the_first_of_its_arrays(monkeypatch, dies, reused):
     """One array lives on; the other is freed, and what comes after it has its number: another size, other contents."""
     if reused:
-        monkeypatch.setattr(bvh, "id", lambda _: 7, raising=False)
-    rays, whole, unbound = make_rays(2, jnp.float32), random_soup(NUM_FACES, 1, jnp.float32), BoundingVolumeHierarchy()
+        monkeypatch.setattr(caster_module, "id", lambda _: 7, raising=False)
+    rays, whole, unbound = make_rays(2, jnp.float32), random_soup(NUM_FACES, 1, jnp.float32), BvhCaster()
     half = whole.faces[: NUM_FACES // 2]
     colors = jnp.full((NUM_FACES, 3), 0.5, jnp.float32)
     gc.collect()
@@ -132,7 +132,7 @@ def test_of_copies_of_a_triangle_the_first_wins(dtype):
     mesh = random_soup(NUM_FACES // 4, 3, dtype)
     four = Mesh.merge([mesh, mesh, mesh, mesh])
     rays = make_rays(4, dtype)
-    hit = cast(BoundingVolumeHierarchy.build(four), four, rays)
+    hit = cast(BvhCaster.build(four), four, rays)
     assert_same(hit, brute(four, rays))
     assert int(jnp.max(hit.face)) < mesh.num_faces
 
@@ -153,7 +153,7 @@ def test_closed_mesh_leaks_no_ray_aimed_at_edges_and_vertices(dtype):
     pool = np.concatenate([np.zeros((1, 3)), rng.integers(-2, 3, (4, 3)) / 8, rng.uniform(-0.2, 0.2, (59, 3))])
     origins = pool[rng.integers(len(pool), size=len(targets))].astype(vertices.dtype)
     rays = Rays.create(jnp.asarray(origins), jnp.asarray(targets - origins))
-    caster = BoundingVolumeHierarchy.build(mesh)
+    caster = BvhCaster.build(mesh)
     assert int(jnp.sum(~cast(caster, mesh, rays).is_hit)) == 0
 
 
@@ -175,7 +175,7 @@ def test_rays_parallel_to_triangles_and_along_the_axes_of_boxes(dtype, rounding)
     directions[inside, 1] = 0
     directions[inside & np.all(directions == 0, axis=1), 2] = -1
     rays = Rays.create(jnp.asarray(origins, dtype), jnp.asarray(directions, dtype))
-    hit, expected = cast(BoundingVolumeHierarchy.build(mesh), mesh, rays), brute(mesh, rays)
+    hit, expected = cast(BvhCaster.build(mesh), mesh, rays), brute(mesh, rays)
     assert int(jnp.sum(expected.is_hit)) > 40
     # A ray may meet six corners at once: which of them is nearest by a rounding is not asked.
     np.testing.assert_array_equal(hit.is_hit, expected.is_hit)
@@ -190,26 +190,26 @@ def test_point_light_amid_the_triangles_through_the_grid_casters_field():
     box = Box(jnp.asarray([-1, -1], dtype), jnp.asarray([1, 1], dtype))
     space = OctahedralSpace(jnp.asarray([0.1, 0, -0.1], dtype))
     grid = RayGrid(space, box, jnp.asarray(9.0, dtype), 16, 32)
-    caster = Grid(others=BoundingVolumeHierarchy.build(mesh))
+    caster = GridCaster(others=BvhCaster.build(mesh))
     hit = caster.closest_on_grid(mesh, grid)
     assert int(jnp.sum(hit.is_hit)) > 100
-    assert_same(hit, BruteForce().closest_on_grid(mesh, grid))
+    assert_same(hit, BruteForceCaster().closest_on_grid(mesh, grid))
     points = make_rays(10, dtype).origins
     lit = caster.others.visible(mesh, space, points)
     assert 0 < int(jnp.sum(lit)) < NUM_RAYS
-    np.testing.assert_array_equal(lit, BruteForce().visible(mesh, space, points))
+    np.testing.assert_array_equal(lit, BruteForceCaster().visible(mesh, space, points))
 
 
 def test_gradients_and_vmap_over_meshes_rays_and_trees():
     mesh, rays = random_soup(NUM_FACES, 1, jnp.float32), make_rays(2, jnp.float32)
-    caster = BoundingVolumeHierarchy.build(mesh)
+    caster = BvhCaster.build(mesh)
 
     def total(vertices, caster):
         hit = caster.closest(Mesh(vertices, mesh.faces, mesh.face_colors), rays)
         return jnp.sum(jnp.where(hit.is_hit, hit.depth, 0))
 
     gradient = eqx.filter_jit(jax.grad(total))(mesh.vertices, caster)
-    np.testing.assert_array_equal(gradient, eqx.filter_jit(jax.grad(total))(mesh.vertices, BruteForce()))
+    np.testing.assert_array_equal(gradient, eqx.filter_jit(jax.grad(total))(mesh.vertices, BruteForceCaster()))
     assert float(jnp.max(jnp.abs(gradient))) > 0
     shifts = jnp.asarray([[0, 0, 0], [0.5, 0, -0.2]], jnp.float32)
 
@@ -227,18 +227,18 @@ def test_gradients_and_vmap_over_meshes_rays_and_trees():
 def test_a_few_triangles_are_one_leaf():
     mesh = plate_over_plane()
     rays = Rays.create(jnp.asarray([[0.3, 2.0, 0.2], [3.0, 2.0, 0.2], [9.0, 2.0, 0.0]]), [[0.0, -1, 0]] * 3)
-    tree = BoundingVolumeHierarchy.build(mesh)
+    tree = BvhCaster.build(mesh)
     np.testing.assert_array_equal(tree.closest(mesh, rays).face, closest(mesh, rays).face)
 
 
 def test_it_refuses_a_mesh_of_another_size_and_building_under_jit():
     mesh, rays = random_soup(NUM_FACES, 1, jnp.float32), make_rays(2, jnp.float32)
-    caster = BoundingVolumeHierarchy.build(mesh)
+    caster = BvhCaster.build(mesh)
     other = random_soup(NUM_FACES + 1, 1, jnp.float32)
     for wrong in (lambda: caster.closest(other, rays), lambda: caster.refit(other)):
         with pytest.raises(ValueError, match=r"holds 200 triangles, the mesh 201; make a tree .*build\(mesh\)"):
             wrong()
     with pytest.raises(ValueError, match="outside jit"):
-        jax.jit(BoundingVolumeHierarchy.build)(mesh)
+        jax.jit(BvhCaster.build)(mesh)
     with pytest.raises(ValueError, match="no tree to refit"):
-        BoundingVolumeHierarchy().refit(mesh)
+        BvhCaster().refit(mesh)

@@ -3,11 +3,11 @@
 import pytest
 from shapes import random_soup
 
-from shadowjax import BruteForce
-from shadowjax.rays.bvh import BoundingVolumeHierarchy
+from shadowjax import BruteForceCaster
+from shadowjax.rays.bvh.caster import BvhCaster
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import CASTERS, DEFAULT_CASTER, default_caster, make_caster
-from shadowjax.rays.grid import Grid, tree_is_faster
+from shadowjax.rays.grid.caster import GridCaster, tree_is_faster
 
 
 def test_every_entry_makes_a_caster_and_the_default_is_one():
@@ -27,7 +27,7 @@ def test_bent_rays_go_to_a_tree_where_building_one_is_worth_it():
     assert tree_is_faster(80, many)
     assert not tree_is_faster(12, many)
     assert not tree_is_faster(1282, few)
-    grid = Grid()
-    assert isinstance(grid._others(random_soup(200, 0), many), BoundingVolumeHierarchy)
-    assert isinstance(grid._others(random_soup(200, 0), few), BruteForce)
+    grid = GridCaster()
+    assert isinstance(grid._others(random_soup(200, 0), many), BvhCaster)
+    assert isinstance(grid._others(random_soup(200, 0), few), BruteForceCaster)
     assert grid.prepared(random_soup(200, 0)).others.tree is not None

@@ -10,8 +10,8 @@ from grids import COLS, ROWS, brute, fast, jitted_fast, padded, turned, views
 from shapes import bumpy_sphere, random_soup
 
 from shadowjax import Mesh
-from shadowjax.rays.grid import Grid
-from shadowjax.rays.light_space import DirectionalSpace, OctahedralSpace
+from shadowjax.geometry.light_space import DirectionalSpace, OctahedralSpace
+from shadowjax.rays.grid.caster import GridCaster
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray import intersect
 from shadowjax.rays.ray_grid import RayGrid
@@ -60,11 +60,11 @@ def test_point_light_falls_back():
     grid = RayGrid(space, whole, jnp.asarray(40.0, dtype), ROWS, COLS)
     want = brute(mesh, grid)
     assert 0.2 < float(jnp.mean(want.is_hit)) <= 1
-    found = Grid().closest_on_grid(padded(mesh), grid)
-    depth, face = Grid().faces_on_grid(padded(mesh), grid)
+    found = GridCaster().closest_on_grid(padded(mesh), grid)
+    depth, face = GridCaster().faces_on_grid(padded(mesh), grid)
     for got in (found.face, face):
         np.testing.assert_array_equal(got, want.face)
-    for got in (found.depth, depth, Grid().depth_on_grid(padded(mesh), grid)):
+    for got in (found.depth, depth, GridCaster().depth_on_grid(padded(mesh), grid)):
         np.testing.assert_allclose(got, want.depth, rtol=4e-6)
 
 
@@ -129,7 +129,7 @@ def test_everything_behind_or_beside_is_missed(dtype):
 def test_faces_are_those_of_the_closest_hit():
     dtype = jnp.float32
     mesh, grid = padded(random_soup(61, 1, dtype)), views(dtype)["perspective inside"]
-    hit = eqx.filter_jit(Grid().closest_on_grid)(mesh, grid)
+    hit = eqx.filter_jit(GridCaster().closest_on_grid)(mesh, grid)
     (depth, face), alone = jitted_fast(mesh, grid)
     np.testing.assert_array_equal(face, hit.face)
     np.testing.assert_array_equal(depth, alone)
@@ -151,7 +151,7 @@ def test_gradient_by_vertices_and_light_is_that_of_brute_force():
     @eqx.filter_jit
     @eqx.filter_grad
     def got(inputs):
-        return jnp.sum(weight * Grid().depth_on_grid(*inputs))
+        return jnp.sum(weight * GridCaster().depth_on_grid(*inputs))
 
     expected = want((mesh, grid))
     scale = float(jnp.max(jnp.abs(expected[0].vertices)))
@@ -166,9 +166,9 @@ def test_vmap_over_vertices_is_a_loop():
     dtype, rounding = jnp.float32, 2e-6
     mesh, grid = padded(random_soup(61, 1, dtype)), views(dtype)["perspective inside"]
     moved = mesh.vertices + 0.1 * jnp.arange(3, dtype=dtype)[:, None, None]
-    depths = eqx.filter_jit(jax.vmap(lambda v: Grid().depth_on_grid(eqx.tree_at(lambda m: m.vertices, mesh, v), grid)))(
-        moved
-    )
+    depths = eqx.filter_jit(
+        jax.vmap(lambda v: GridCaster().depth_on_grid(eqx.tree_at(lambda m: m.vertices, mesh, v), grid))
+    )(moved)
     for k in range(3):
         _, depth = jitted_fast(eqx.tree_at(lambda m: m.vertices, mesh, moved[k]), grid)
         # Two compiled programs may fuse a multiplication and an addition differently: roundings, not bits.
@@ -191,6 +191,6 @@ def test_one_cell_and_one_triangle():
     mesh = Mesh.create([[-1.0, 0, -1], [3, 0, -1], [-1, 0, 3]], [[0, 1, 2]], dtype=dtype)
     box = Box(jnp.asarray([-0.5, -0.5], dtype), jnp.asarray([0.5, 0.5], dtype))
     space = DirectionalSpace(jnp.asarray([0.0, 2.0, 0.0], dtype), jnp.eye(3, dtype=dtype))
-    hit = Grid().closest_on_grid(mesh, RayGrid(space, box, jnp.asarray(9.0, dtype), 1, 1))
+    hit = GridCaster().closest_on_grid(mesh, RayGrid(space, box, jnp.asarray(9.0, dtype), 1, 1))
     assert hit.face.tolist() == [[0]]
     assert hit.depth.tolist() == [[2.0]]

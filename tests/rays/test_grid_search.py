@@ -9,11 +9,11 @@ from grids import COLS, ROWS, brute, fast, jitted_fast, padded, views
 from shapes import random_soup
 
 from shadowjax import Mesh
-from shadowjax.rays._grid_pairs import search_pairs
-from shadowjax.rays._grid_plane import depth_tangent
-from shadowjax.rays._grid_project import depth_of_key, place, view
-from shadowjax.rays._grid_store import unpack, words
-from shadowjax.rays.grid import Grid
+from shadowjax.rays.grid.caster import GridCaster
+from shadowjax.rays.grid.pairs import search_pairs
+from shadowjax.rays.grid.plane import depth_tangent
+from shadowjax.rays.grid.project import depth_of_key, place, view
+from shadowjax.rays.grid.store import unpack, words
 from shadowjax.rays.ray import intersect
 
 SOUP = 61
@@ -136,7 +136,7 @@ def _by_intersection(mesh, grid, face, change, weight):
 @eqx.filter_jit
 def _by_grid(mesh, grid, weight):
     def total(vertices):
-        return jnp.sum(weight * Grid().depth_on_grid(eqx.tree_at(lambda m: m.vertices, mesh, vertices), grid))
+        return jnp.sum(weight * GridCaster().depth_on_grid(eqx.tree_at(lambda m: m.vertices, mesh, vertices), grid))
 
     return jax.grad(total)(mesh.vertices)
 

@@ -8,17 +8,17 @@ import pytest
 from grids import padded, turned
 from shapes import plate_over_plane, random_soup
 
-from shadowjax import BruteForce, Mesh, shading, visibility_on
-from shadowjax.rays import _grid_visible, _grid_visible_pairs
-from shadowjax.rays.grid import Grid
-from shadowjax.rays.light_space import DirectionalSpace, OctahedralSpace, PerspectiveSpace
+from shadowjax import BruteForceCaster, Mesh, shading, visibility_on
+from shadowjax.geometry.light_space import DirectionalSpace, OctahedralSpace, PerspectiveSpace
+from shadowjax.rays.grid import visible, visible_pairs
+from shadowjax.rays.grid.caster import GridCaster
 from shadowjax.shading import Surface
-from shadowjax.techniques import ExactShadows
+from shadowjax.techniques.exact import ExactShadows
 
 ROWS, COLS = 21, 26
 SOUP = 61
 
-jitted_grid = eqx.filter_jit(lambda mesh, space, points, normals: Grid().visible(mesh, space, points, normals))
+jitted_grid = eqx.filter_jit(lambda mesh, space, points, normals: GridCaster().visible(mesh, space, points, normals))
 
 
 def spaces(dtype):
@@ -52,7 +52,7 @@ def assert_same(mesh, space, points, normals) -> np.ndarray:
     beside = None if normals is None else normals.reshape(-1, 3)
 
     def traced(points):
-        return np.asarray(BruteForce().visible(mesh, space, points, beside)).reshape(shape)
+        return np.asarray(BruteForceCaster().visible(mesh, space, points, beside)).reshape(shape)
 
     want = traced(flat)
     differ = got != want
@@ -107,7 +107,7 @@ def test_rays_through_edges_of_a_lattice_agree_exactly():
     up = jnp.broadcast_to(frame[1], points.shape)
     lit = np.asarray(jitted_grid(mesh, space, points, up))
     np.testing.assert_array_equal(lit, (np.abs(x) > 1) | (np.abs(z) > 1))
-    np.testing.assert_array_equal(lit, BruteForce().visible(mesh, space, points, up))
+    np.testing.assert_array_equal(lit, BruteForceCaster().visible(mesh, space, points, up))
 
 
 def test_triangles_in_line_with_a_ray_but_beside_it_block_nothing():
@@ -135,7 +135,7 @@ def test_one_point_and_many_lights_at_once():
     frame = jnp.asarray([[1.0, 0, 0], [0, 0, -1], [0, -1, 0]], dtype)
 
     def lit(position):
-        return Grid().visible(mesh, PerspectiveSpace(position, frame), point, None)
+        return GridCaster().visible(mesh, PerspectiveSpace(position, frame), point, None)
 
     assert jax.jit(jax.vmap(lit))(positions).tolist() == [[False], [True], [True], [True]]
 
@@ -157,8 +157,8 @@ def test_a_bent_space_is_traced():
     mesh = padded(random_soup(SOUP, 3, dtype))
     points, normals = surface(mesh)
     space = OctahedralSpace(jnp.asarray([0.1, 0.2, 0.05], dtype))
-    got = Grid().visible(mesh, space, points, normals)
-    np.testing.assert_array_equal(got, BruteForce().visible(mesh, space, points, normals))
+    got = GridCaster().visible(mesh, space, points, normals)
+    np.testing.assert_array_equal(got, BruteForceCaster().visible(mesh, space, points, normals))
 
 
 def test_exact_shadows_of_a_picture_come_in_bands(monkeypatch):
@@ -166,10 +166,10 @@ def test_exact_shadows_of_a_picture_come_in_bands(monkeypatch):
     dtype = jnp.float32
     mesh, space = padded(random_soup(SOUP, 3, dtype)), spaces(dtype)["directional"]
     points, normals = surface(mesh)
-    drawn = ExactShadows(mesh, space, Grid())
+    drawn = ExactShadows(mesh, space, GridCaster())
     assert drawn.prefers_images
-    assert not ExactShadows(mesh, space, BruteForce()).prefers_images
-    assert not ExactShadows(mesh, OctahedralSpace(space.origin), Grid()).prefers_images
+    assert not ExactShadows(mesh, space, BruteForceCaster()).prefers_images
+    assert not ExactShadows(mesh, OctahedralSpace(space.origin), GridCaster()).prefers_images
     seen = jnp.arange(COLS) != 3
     face = jnp.broadcast_to(jnp.where(seen, 0, -1), (ROWS, COLS)).astype(jnp.int32)
     picture = Surface(points, normals, normals, normals, normals, points[..., 0], face)
@@ -188,10 +188,10 @@ def test_points_in_chunks_get_the_same_answers(monkeypatch):
     space = spaces(dtype)["directional"]
     whole = np.asarray(jitted_grid(mesh, space, points, normals))
     # Two chunks of two parts; the last is not full.
-    monkeypatch.setattr(_grid_visible, "POINTS", 150)
-    monkeypatch.setattr(_grid_visible, "POINTS_PER_TRIANGLE", 0)
+    monkeypatch.setattr(visible, "POINTS", 150)
+    monkeypatch.setattr(visible, "POINTS_PER_TRIANGLE", 0)
     assert 3 * 150 < ROWS * COLS < 4 * 150
-    chunked = eqx.filter_jit(lambda *given: Grid().visible(*given))(mesh, space, points, normals)
+    chunked = eqx.filter_jit(lambda *given: GridCaster().visible(*given))(mesh, space, points, normals)
     np.testing.assert_array_equal(chunked, whole)
 
 
@@ -201,10 +201,10 @@ def test_pairs_for_an_accelerator_get_the_same_answers(monkeypatch, name, dtype)
     mesh, space = padded(random_soup(SOUP, 3, dtype)), spaces(dtype)[name]
     points, normals = surface(mesh)
     for bound, value in (("CHUNK", 150), ("RUNS", 64), ("WINDOW", 256)):
-        monkeypatch.setattr(_grid_visible_pairs, bound, value)
+        monkeypatch.setattr(visible_pairs, bound, value)
     by_loops = np.asarray(jitted_grid(mesh, space, points, normals))
-    monkeypatch.setattr(_grid_visible, "_blocked", _grid_visible_pairs.blocked_by_pairs)
-    by_pairs = np.asarray(eqx.filter_jit(lambda *given: Grid().visible(*given))(mesh, space, points, normals))
+    monkeypatch.setattr(visible, "_blocked", visible_pairs.blocked_by_pairs)
+    by_pairs = np.asarray(eqx.filter_jit(lambda *given: GridCaster().visible(*given))(mesh, space, points, normals))
     assert 0.2 < by_loops.mean() < 0.8
     # Slopes of keys are set up in another order of operations.
     assert np.mean(by_pairs != by_loops) <= 0.002

@@ -7,8 +7,8 @@ import pytest
 import trimesh
 from shapes import above, lights
 
-from shadowjax import BruteForce, Mesh, build_shadow_map, camera_grid, make_technique
-from shadowjax.partitions.whole import Whole
+from shadowjax import BruteForceCaster, Mesh, build_shadow_map, camera_grid, make_technique
+from shadowjax.partitions.single import SingleMap
 from shadowjax.rays.ray_grid import pixel_footprint
 
 
@@ -23,8 +23,8 @@ def box_over_floor():
 @pytest.fixture(scope="module")
 def layers():
     mesh, light = box_over_floor(), lights()["directional"]
-    (grid,) = Whole().grids(mesh, light, above(), 24)
-    return grid, {name: build_shadow_map(BruteForce(), mesh, grid, name) for name in ("first", "second", "back")}
+    (grid,) = SingleMap().grids(mesh, light, above(), 24)
+    return grid, {name: build_shadow_map(BruteForceCaster(), mesh, grid, name) for name in ("first", "second", "back")}
 
 
 def test_layers_of_a_box(layers):

@@ -10,11 +10,11 @@ from shapes import bumpy_sphere, random_soup
 
 from shadowjax import Mesh, Rays
 from shadowjax._types import Array, Bool
-from shadowjax.rays._grid_pairs import search_pairs
+from shadowjax.geometry.light_space import OctahedralSpace
 from shadowjax.rays.caster import Caster
-from shadowjax.rays.grid import Grid
+from shadowjax.rays.grid.caster import GridCaster
+from shadowjax.rays.grid.pairs import search_pairs
 from shadowjax.rays.layers import second_layer
-from shadowjax.rays.light_space import OctahedralSpace
 from shadowjax.rays.ray import Hit
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -45,8 +45,8 @@ class Starts(Caster):
         return jnp.zeros(rays.shape, bool)
 
 
-peel = eqx.filter_jit(lambda mesh, grid, depth: second_layer(Grid(NoRays()), mesh, grid, depth))
-peel_by_pairs = eqx.filter_jit(lambda mesh, grid, depth: second_layer(Grid(NoRays()), mesh, grid, depth))
+peel = eqx.filter_jit(lambda mesh, grid, depth: second_layer(GridCaster(NoRays()), mesh, grid, depth))
+peel_by_pairs = eqx.filter_jit(lambda mesh, grid, depth: second_layer(GridCaster(NoRays()), mesh, grid, depth))
 
 # Both searches, both kinds of projective space, both dtypes, and a plane map that is a table of cells.
 CASES = {
@@ -114,9 +114,9 @@ def test_layers_are_the_sorted_hits(case, monkeypatch):
     """Peeled until nothing follows. Hits within the gap of the last one are one layer with it."""
     peel, name, dtype = CASES[case]
     if peel is peel_by_pairs:
-        monkeypatch.setattr("shadowjax.rays.grid.search_tiles", search_pairs)
+        monkeypatch.setattr("shadowjax.rays.grid.caster.search_tiles", search_pairs)
         # Several windows, the last one with room left.
-        monkeypatch.setattr("shadowjax.rays._grid_pairs.WINDOW", 1 << 12)
+        monkeypatch.setattr("shadowjax.rays.grid.pairs.WINDOW", 1 << 12)
     grid = views(dtype)[name]
     far = float(grid.far)
     # Half the gap on either side tells a hit that was met from one that follows.
@@ -183,7 +183,7 @@ def test_gradients_under_vmap():
     @jax.vmap
     def both(vertices, first):
         def total(vertices, first):
-            hit = second_layer(Grid(NoRays()), eqx.tree_at(lambda m: m.vertices, mesh, vertices), grid, first)
+            hit = second_layer(GridCaster(NoRays()), eqx.tree_at(lambda m: m.vertices, mesh, vertices), grid, first)
             return jnp.sum(weight * hit.depth), hit
 
         return jax.value_and_grad(total, (0, 1), has_aux=True)(vertices, first)
@@ -205,7 +205,7 @@ def test_rays_of_a_point_light_are_traced():
     mesh, grid = soup_twice(dtype), views(dtype)[name]
     first = jnp.linspace(0.0, float(grid.far), ROWS * COLS, dtype=dtype).reshape(ROWS, COLS)
     bent = eqx.tree_at(lambda g: g.space, grid, OctahedralSpace(jnp.asarray([0.1, 0.2, 0.05], dtype)))
-    starts = eqx.filter_jit(second_layer)(Grid(Starts()), mesh, bent, first).depth
+    starts = eqx.filter_jit(second_layer)(GridCaster(Starts()), mesh, bent, first).depth
     np.testing.assert_array_equal(starts, np.minimum(np.asarray(first) + gap(grid), float(grid.far)))
     with pytest.raises(ValueError, match=r"the shape of the grid, \(26, 31\); got \(3, 4\)"):
-        Grid(NoRays()).closest_beyond_on_grid(mesh, grid, first[:3, :4])
+        GridCaster(NoRays()).closest_beyond_on_grid(mesh, grid, first[:3, :4])

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from cast_on_devices import receivers, soup, view, views
 
-from shadowjax import BruteForce, Mesh
+from shadowjax import BruteForceCaster, Mesh
 from shadowjax.rays.sharded import (
     cast_over_bands,
     closest_on_grids,
@@ -69,7 +69,7 @@ def cast_elsewhere(folder: Path, processes: int, devices: int) -> list[dict[str,
 @pytest.fixture(scope="module")
 def one_device():
     """First hits of all views, cast here one by one."""
-    cast = jax.jit(lambda grid: BruteForce().closest_on_grid(soup(), grid))
+    cast = jax.jit(lambda grid: BruteForceCaster().closest_on_grid(soup(), grid))
     hits = [cast(grid) for grid in views()]
     assert all(0.3 < np.mean(hit.is_hit) < 0.7 for hit in hits)
     return hits
@@ -89,7 +89,7 @@ def test_four_virtual_devices_agree_with_one(tmp_path, one_device):
     np.testing.assert_allclose(found["depth"], one_device[1].depth, rtol=2e-6)
     np.testing.assert_allclose(found["bands"], one_device[1].depth, rtol=2e-6)
     np.testing.assert_array_equal(found["uneven"], one_device[1].face)
-    lit = jax.jit(BruteForce().visible)(soup(), view(0.2).space, *receivers(soup()))
+    lit = jax.jit(BruteForceCaster().visible)(soup(), view(0.2).space, *receivers(soup()))
     assert 5 < np.sum(lit) < 44
     np.testing.assert_array_equal(found["lit"], lit)
 
@@ -107,10 +107,10 @@ def test_gradients_pass_through_dealt_triangles_and_bands():
         return jnp.sum(jnp.where(depth < grid.far, depth, 0))
 
     ways = (
-        lambda moved: BruteForce().depth_on_grid(moved, grid),
-        lambda moved: closest_over_triangles(BruteForce(), moved, grid).depth,
-        lambda moved: depth_over_triangles(BruteForce(), moved, grid),
-        lambda moved: cast_over_bands(BruteForce().depth_on_grid, moved, grid),
+        lambda moved: BruteForceCaster().depth_on_grid(moved, grid),
+        lambda moved: closest_over_triangles(BruteForceCaster(), moved, grid).depth,
+        lambda moved: depth_over_triangles(BruteForceCaster(), moved, grid),
+        lambda moved: cast_over_bands(BruteForceCaster().depth_on_grid, moved, grid),
     )
     # One program: compiling takes longest.
     expected, *found = jax.jit(lambda vertices: [jax.grad(total)(vertices, cast) for cast in ways])(mesh.vertices)
@@ -125,12 +125,12 @@ def test_a_batch_holds_grids_of_one_kind():
     with pytest.raises(ValueError, match="at least one grid"):
         stack_grids([])
     with pytest.raises(ValueError, match="at least one device"):
-        closest_on_grids(BruteForce(), soup(), stack_grids([view(0)]), devices=[])
+        closest_on_grids(BruteForceCaster(), soup(), stack_grids([view(0)]), devices=[])
 
 
 def test_what_cannot_be_dealt_is_refused():
     mesh, grid = soup(), view(0)
     with pytest.raises(ValueError, match="8 rows cannot be cut into bands for 9 devices"):
-        cast_over_bands(BruteForce().depth_on_grid, mesh, grid, jax.devices() * 9)
+        cast_over_bands(BruteForceCaster().depth_on_grid, mesh, grid, jax.devices() * 9)
     with pytest.raises(ValueError, match="a list or an image of them; got a single point"):
-        visible_over_points(BruteForce(), mesh, grid.space, jnp.zeros(3))
+        visible_over_points(BruteForceCaster(), mesh, grid.space, jnp.zeros(3))

@@ -19,12 +19,12 @@ import numpy as np
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from shadowjax import BruteForce, Mesh, Rays
-from shadowjax.rays._grid_project import NEAREST
-from shadowjax.rays.bvh import BoundingVolumeHierarchy
+from shadowjax import BruteForceCaster, Mesh, Rays
+from shadowjax.geometry.light_space import DirectionalSpace, PerspectiveSpace, farthest
+from shadowjax.rays.bvh.caster import BvhCaster
 from shadowjax.rays.caster import shadow_rays
-from shadowjax.rays.grid import Grid
-from shadowjax.rays.light_space import DirectionalSpace, PerspectiveSpace, farthest
+from shadowjax.rays.grid.caster import GridCaster
+from shadowjax.rays.grid.project import NEAREST
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -39,11 +39,11 @@ SCENES = settings(
 GRID_DTYPES, GRID_PARALLEL = (
     ([jnp.float32, jnp.float64], [False, True]) if NUM_SCENES > 100 else ([jnp.float32], [False])
 )
-brute = eqx.filter_jit(lambda mesh, rays: BruteForce().closest(mesh, rays))
-brute_views = eqx.filter_jit(lambda mesh, grid, points: _views(BruteForce(), mesh, grid, points))
-grid_views = eqx.filter_jit(lambda mesh, grid, points: _views(Grid(), mesh, grid, points))
+brute = eqx.filter_jit(lambda mesh, rays: BruteForceCaster().closest(mesh, rays))
+brute_views = eqx.filter_jit(lambda mesh, grid, points: _views(BruteForceCaster(), mesh, grid, points))
+grid_views = eqx.filter_jit(lambda mesh, grid, points: _views(GridCaster(), mesh, grid, points))
 # Traced, the tree has the largest size for the number of triangles: all scenes share compiled code.
-tree = eqx.filter_jit(lambda mesh, rays: BoundingVolumeHierarchy().closest(mesh, rays))
+tree = eqx.filter_jit(lambda mesh, rays: BvhCaster().closest(mesh, rays))
 
 
 def _views(caster, mesh, grid, points):

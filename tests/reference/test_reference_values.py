@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from shadowjax.analysis import reference
+from shadowjax.ledger import reference
 
 DEFAULT = Path(__file__).parent / "values.json"
 

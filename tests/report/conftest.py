@@ -2,9 +2,9 @@
 
 import pytest
 
-from shadowjax.geometry.scenes import make
-from shadowjax.rays.brute import BruteForce
+from shadowjax.rays.brute import BruteForceCaster
 from shadowjax.report import Settings, collect
+from shadowjax.scenes import make
 
 TINY = Settings(
     techniques=("hard", "pcf-2x2", "3sm", "exact"), width=32, height=24, resolution=24, equations=("asm",), sweep=False
@@ -16,6 +16,6 @@ def findings():
     steps = []
     # The reference caster compiles quickest, and all casters give the same pictures.
     scene, command = make("sphere-over-plane"), "shadowjax report sphere-over-plane"
-    found = collect(scene, TINY, command, BruteForce(), steps.append)
+    found = collect(scene, TINY, command, BruteForceCaster(), steps.append)
     assert "hard at 24²" in steps
     return found

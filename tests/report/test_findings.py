@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from shadowjax.analysis import metrics
+from shadowjax.evaluate import metrics
 from shadowjax.filters.multi_depth import MultiDepth, Neighbourhood, Ring
 from shadowjax.filters.pcf import BilinearPercentageCloser, PercentageCloser
 from shadowjax.io import json_text

@@ -4,10 +4,10 @@ import jax.numpy as jnp
 import numpy as np
 from shapes import above, lights, plate_over_plane
 
-from shadowjax import BruteForce, Mesh
-from shadowjax.adaptive import AdaptiveShadowMapping
+from shadowjax import BruteForceCaster, Mesh
+from shadowjax.techniques.adaptive import AdaptiveShadowMapping
 
-SETTINGS = {"tile_size": 8, "num_rows": 64, "max_level": 7, "texels_per_pixel": 4.0, "caster": BruteForce()}
+SETTINGS = {"tile_size": 8, "num_rows": 64, "max_level": 7, "texels_per_pixel": 4.0, "caster": BruteForceCaster()}
 
 
 def technique(budget_bytes: int = 1 << 15, **options) -> AdaptiveShadowMapping:

@@ -8,10 +8,10 @@ import numpy as np
 from jax.experimental.multihost_utils import process_allgather
 from shapes import random_soup
 
-from shadowjax import BruteForce, Mesh
-from shadowjax.rays.bvh import BoundingVolumeHierarchy
-from shadowjax.rays.grid import Grid
-from shadowjax.rays.light_space import PerspectiveSpace
+from shadowjax import BruteForceCaster, Mesh
+from shadowjax.geometry.light_space import PerspectiveSpace
+from shadowjax.rays.bvh.caster import BvhCaster
+from shadowjax.rays.grid.caster import GridCaster
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.rays.sharded import (
@@ -66,19 +66,19 @@ def main(processes: int, index: int, port: int, path: str) -> None:
     mesh, grids = soup(), views()
     found = {"devices": np.asarray(len(jax.devices()))}
     if processes == 1:
-        found["views"] = here(closest_on_grids(BoundingVolumeHierarchy.build(mesh), mesh, stack_grids(grids)).face)
-        found["depth"] = here(depth_over_triangles(Grid(), mesh, grids[1]))
-        found["bands"] = np.asarray(cast_over_bands(Grid().depth_on_grid, mesh, grids[1]))
+        found["views"] = here(closest_on_grids(BvhCaster.build(mesh), mesh, stack_grids(grids)).face)
+        found["depth"] = here(depth_over_triangles(GridCaster(), mesh, grids[1]))
+        found["bands"] = np.asarray(cast_over_bands(GridCaster().depth_on_grid, mesh, grids[1]))
         # Three bands of three rows for eight.
-        hit = cast_over_bands(BruteForce().closest_on_grid, mesh, grids[1], jax.devices()[:3])
+        hit = cast_over_bands(BruteForceCaster().closest_on_grid, mesh, grids[1], jax.devices()[:3])
         found["uneven"] = here(hit.face)
-        found["lit"] = here(visible_over_points(BruteForce(), mesh, grids[1].space, *receivers(mesh)))
+        found["lit"] = here(visible_over_points(BruteForceCaster(), mesh, grids[1].space, *receivers(mesh)))
     else:
         # As many views as devices: each process holds its own, and nothing is exchanged before they are collected.
-        dealt = closest_on_grids(BruteForce(), mesh, stack_grids(grids[:processes])).face
+        dealt = closest_on_grids(BruteForceCaster(), mesh, stack_grids(grids[:processes])).face
         assert dealt.addressable_shards[0].data.shape[0] == 1
         found["views"] = np.asarray(process_allgather(dealt, tiled=True))
-    hit = closest_over_triangles(BruteForce(), twice(mesh), grids[1])
+    hit = closest_over_triangles(BruteForceCaster(), twice(mesh), grids[1])
     found |= {"face": here(hit.face), "nearest": here(hit.depth)}
     np.savez(path, **found)
 

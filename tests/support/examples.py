@@ -23,12 +23,12 @@ def parts() -> dict[str, Any]:
     camera = sj.Camera.look_at((0.0, 2.0, 3.0), (0.0, 0.0, 0.0), phi_y=0.4, near=0.1, far=9.0)
     light = sj.DirectionalLight.create((0.2, -1.0, -0.1))
     grid = sj.camera_grid(camera, 4, 3)
-    map_ = sj.build_shadow_map(sj.BruteForce(), mesh, grid)
+    map_ = sj.build_shadow_map(sj.BruteForceCaster(), mesh, grid)
     points = jnp.asarray(np.array([[0.1, 0.0, -0.2], [0.3, 0.0, -0.4]], np.float32))
     normals = jnp.asarray(np.array([[0.0, 1.0, 0.0], [0.0, 1.0, 0.0]], np.float32))
     near, bias = jnp.full(2, 0.5), jnp.zeros(2)
     lookup = Lookup(jnp.asarray([[1.5, 1.5], [2.5, 0.5]]), near, bias, jnp.full(2, 0.1))
-    surface = sj.trace_surface(mesh, camera, 4, 3, sj.BruteForce())
+    surface = sj.trace_surface(mesh, camera, 4, 3, sj.BruteForceCaster())
     shadows = sj.ShadowMapping(resolution=8).build(mesh, light, camera)
     return {
         "mesh": mesh, "camera": camera, "light": light, "grid": grid, "map": map_, "points": points,
@@ -52,13 +52,13 @@ def examples(folder: Path) -> dict[str, tuple[Callable[..., Any], Mapping[str, A
         "AdaptiveShadowMapping": {
             "budget_bytes": 1 << 16, "tile_size": 8, "base_level": None, "max_level": None, "footprint": "jacobian",
             "texels_per_pixel": 2.0, "test": "depth", "bias": None, "levels_per_step": 1, "max_steps": 2,
-            "per_texel": 1.0, "fixed": 1.0, "num_rows": 8, "caster": sj.BruteForce(),
+            "per_texel": 1.0, "fixed": 1.0, "num_rows": 8, "caster": sj.BruteForceCaster(),
         },
         "AdaptiveShadowMapping().build": scene,
         "Bias": {"value": jnp.asarray(0.5), "unit": "world"},
         "Bias.create": {"value": 0.5, "unit": "world"},
         "BilinearPercentageCloser": {"kernel_size": 2},
-        "BruteForce": {"ray_chunk": 64},
+        "BruteForceCaster": {"ray_chunk": 64},
         "Camera": {
             "position": x, "rotation": jnp.eye(3), "phi_y": jnp.asarray(0.4), "aspect": jnp.asarray(1.0),
             "near": jnp.asarray(0.1), "far": jnp.asarray(9.0),
@@ -69,10 +69,10 @@ def examples(folder: Path) -> dict[str, tuple[Callable[..., Any], Mapping[str, A
         },
         "ContactHardening": {"angle": 0.1, "size": 0.2, "num_taps": 3, "num_search_taps": 3, "max_width": 8.0},
         "Convolution": {"step": sj.FourierStep(), "prefilter": sj.Prefilter()},
-        "Cube": {"margin": 2},
+        "CubeMap": {"margin": 2},
         "DirectionalLight": {"direction": y, "color": x},
         "DirectionalLight.create": {"direction": (0.0, -1.0, 0.0), "color": 1.0, "dtype": None},
-        "Exact": {"caster": sj.BruteForce()},
+        "Exact": {"caster": sj.BruteForceCaster()},
         "Exact().build": scene,
         "Exponential": {
             "exponent": 40.0, "prefilter": sj.Prefilter(), "space": "log", "fallback": "none", "threshold": 0.02,
@@ -82,7 +82,7 @@ def examples(folder: Path) -> dict[str, tuple[Callable[..., Any], Mapping[str, A
             "positive": 20.0, "negative": 5.0, "prefilter": sj.Prefilter(), "min_variance": 1e-6, "bleed_low": 0.1,
             "bleed_high": 1.0, "footprint": 0.25, "slope_limit": 0.05,
         },
-        "Faces": {"tight": True},
+        "FacePartition": {"tight": True},
         "FixedNeighbour": {"offset": (0, 1)},
         "FourierStep": {"terms": 8, "damping": 1.0, "offset": 0.0, "scale": 2.0},
         "Hard": {},
@@ -127,7 +127,7 @@ def examples(folder: Path) -> dict[str, tuple[Callable[..., Any], Mapping[str, A
         },
         "ShadowMap": {"grid": p["grid"], "depth": p["map"].depth, "face": p["map"].face, "outlines": None},
         "ShadowMapping": {
-            "filter": sj.Hard(), "resolution": 8, "partition": sj.Whole(), "caster": sj.BruteForce(),
+            "filter": sj.Hard(), "resolution": 8, "partition": sj.SingleMap(), "caster": sj.BruteForceCaster(),
             "bias": sj.Bias.create(1.0), "layer": "first", "coverage": False, "edges": None,
         },
         "ShadowMapping().build": scene,
@@ -147,31 +147,31 @@ def examples(folder: Path) -> dict[str, tuple[Callable[..., Any], Mapping[str, A
             "prefilter": sj.Prefilter(), "min_variance": 1e-6, "bleed_low": 0.1, "bleed_high": 1.0, "footprint": 0.25,
             "slope_limit": 0.05,
         },
-        "Whole": {"warp": sj.UniformFit()},
-        "ZSplit": {
+        "SingleMap": {"warp": sj.UniformFit()},
+        "Cascades": {
             "num_partitions": 2, "rule": "logarithmic", "weight": 0.5, "ratio": 2.0, "warp": sj.PerspectiveFit(),
-            "tight": True, "blend": 0.0, "choose": "map", "cuts": None, "num_rows": 8, "caster": sj.BruteForce(),
+            "tight": True, "blend": 0.0, "choose": "map", "cuts": None, "num_rows": 8, "caster": sj.BruteForceCaster(),
         },
-        "ZSplit.at": {"cuts": (1.0, 2.0)},
+        "Cascades.at": {"cuts": (1.0, 2.0)},
         "bilinear_percentage_closer": {"planes": planes, "lookup": p["lookup"], "kernel_size": 1},
-        "build_shadow_map": {"caster": sj.BruteForce(), "mesh": p["mesh"], "grid": p["grid"], "layer": "first"},
+        "build_shadow_map": {"caster": sj.BruteForceCaster(), "mesh": p["mesh"], "grid": p["grid"], "layer": "first"},
         "camera_grid": {"camera": p["camera"], "width": 4, "height": 3},
         "cast": {"tree": p["mesh"], "dtype": jnp.float32},
         "composite_attenuation": {
             "stored_depths": jnp.ones((3, 2)), "receiver_depth": jnp.ones(2), "bias": jnp.zeros(2),
         },
         "coverage_depth": {
-            "mesh": p["mesh"], "edges": p["edges"], "grid": p["grid"], "caster": sj.BruteForce(), "max_pairs": 64,
+            "mesh": p["mesh"], "edges": p["edges"], "grid": p["grid"], "caster": sj.BruteForceCaster(), "max_pairs": 64,
         },
         "coverage_planes": {
             "mesh": p["mesh"], "edges": p["edges"], "grid": p["grid"], "encode": lambda depth: depth[None],
-            "caster": sj.BruteForce(), "max_pairs": 64,
+            "caster": sj.BruteForceCaster(), "max_pairs": 64,
         },
         "intersect": {"mesh": p["mesh"], "rays": p["rays"], "face": jnp.zeros(2, jnp.int32)},
         "load": {"path": str(folder / "triangle.obj"), "dtype": jnp.float32},
         "make_partition": {"name": "z"},
         "make_scene": {"name": "cubes", "num_triangles": None, "dtype": jnp.float32},
-        "make_technique": {"name": "hard", "resolution": 8, "caster": sj.BruteForce()},
+        "make_technique": {"name": "hard", "resolution": 8, "caster": sj.BruteForceCaster()},
         "max_neighbour": {"depth": depth, "size": 3, "include_centre": True},
         "mesh_edges": {"mesh": p["mesh"], "weld": True},
         "min_max_neighbours": {"depth": depth, "size": 3, "include_centre": True},
@@ -186,11 +186,12 @@ def examples(folder: Path) -> dict[str, tuple[Callable[..., Any], Mapping[str, A
             "material": sj.Material(), "samples_per_axis": 1,
         },
         "shadow_picture": {
-            "mesh": p["mesh"], "edges": p["edges"], "light": p["light"], "view": p["grid"], "caster": sj.BruteForce(),
+            "mesh": p["mesh"], "edges": p["edges"], "light": p["light"], "view": p["grid"],
+            "caster": sj.BruteForceCaster(),
             "receiver": None, "max_pairs": 64,
         },
         "trace_surface": {
-            "mesh": p["mesh"], "camera": p["camera"], "width": 4, "height": 3, "caster": sj.BruteForce(),
+            "mesh": p["mesh"], "camera": p["camera"], "width": 4, "height": 3, "caster": sj.BruteForceCaster(),
             "smooth_groups": None, "samples_per_axis": 1,
         },
         "visibility_on": {"surface": p["surface"], "shadows": p["shadows"]},

@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from shadowjax import BruteForce, Mesh, Rays
-from shadowjax.rays.grid import Grid
-from shadowjax.rays.light_space import DirectionalSpace, PerspectiveSpace
+from shadowjax import BruteForceCaster, Mesh, Rays
+from shadowjax.geometry.light_space import DirectionalSpace, PerspectiveSpace
+from shadowjax.rays.grid.caster import GridCaster
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray import Hit, intersect
 from shadowjax.rays.ray_grid import RayGrid
@@ -22,9 +22,11 @@ NUM_FACES, NUM_VERTICES = 400, 1200
 NUM_RAYS = 256
 
 jitted_rays = eqx.filter_jit(lambda grid: grid.rays())
-jitted_brute = eqx.filter_jit(lambda mesh, rays: BruteForce().closest(mesh, rays))
+jitted_brute = eqx.filter_jit(lambda mesh, rays: BruteForceCaster().closest(mesh, rays))
 jitted_intersect = eqx.filter_jit(intersect)
-jitted_fast = eqx.filter_jit(lambda mesh, grid: (Grid().faces_on_grid(mesh, grid), Grid().depth_on_grid(mesh, grid)))
+jitted_fast = eqx.filter_jit(
+    lambda mesh, grid: (GridCaster().faces_on_grid(mesh, grid), GridCaster().depth_on_grid(mesh, grid))
+)
 
 
 def padded(mesh: Mesh) -> Mesh:

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import trimesh
 
-from shadowjax import Camera, DirectionalLight, Mesh, PointLight, SpotLight, cast
+from shadowjax import Camera, DirectionalLight, Mesh, PointLight, SpotLight, astype
 
 
 def plate_over_plane(dtype=jnp.float64, height: float = 1.0) -> Mesh:
@@ -47,4 +47,4 @@ def random_soup(num_faces: int, seed: int, dtype=jnp.float64) -> Mesh:
 
 def as_dtype(tree, dtype):
     """A copy of any object in `dtype`."""
-    return cast(tree, dtype)
+    return astype(tree, dtype)

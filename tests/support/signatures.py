@@ -18,7 +18,7 @@ import numpy as np
 import shadowjax
 
 # No library of arrays: readers of files, commands, pages of HTML, rows of the ledger. They check what they read.
-OTHER_ROOMS = ("shadowjax.geometry.mesh_files", "shadowjax.cli", "shadowjax.report", "shadowjax.analysis.ledger")
+OTHER_ROOMS = ("shadowjax.geometry.mesh_files", "shadowjax.cli", "shadowjax.report", "shadowjax.ledger")
 # Sizes of which 0 and less make no sense.
 SIZES = ("resolution", "width", "height", "kernel_size", "samples_per_axis", "ray_chunk", "num_samples", "num_taps")
 

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from shadowjax.warps.light_frustum import LightFrustum
+from shadowjax.theory.aliasing.light_frustum import LightFrustum
 
 
 def random_frusta(count: int, seed: int = 0, dtype=jnp.float64, largest: float = 6.0) -> LightFrustum:

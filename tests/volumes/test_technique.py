@@ -12,7 +12,7 @@ from shapes import above, bumpy_sphere, lights, plate_over_plane, random_soup
 
 from shadowjax import (
     SCENES,
-    BruteForce,
+    BruteForceCaster,
     Camera,
     DirectionalLight,
     Exact,
@@ -58,7 +58,7 @@ SIZES = (340, 174, 510)
 
 def disagreements(mesh, light, camera, volumes):
     """Valid pixels, their exact visibility, and where volumes say something else."""
-    surface = trace_surface(mesh, camera, SIDE, SIDE, BruteForce())
+    surface = trace_surface(mesh, camera, SIDE, SIDE, BruteForceCaster())
     exact = visibility_on(surface, Exact().build(mesh, light, camera))
     valid = valid_receivers(surface, light)
     assert int(jnp.sum(valid)) > SIDE
@@ -134,7 +134,7 @@ def test_lists_and_images_are_counted_alike():
     """Tiles of an image that the camera sees, of the same points shuffled, and a list without tiles."""
     (mesh, edges), light = filled(random_soup(200, 5)), lights()["directional"]
     camera = Camera.look_at((0.2, 0.1, 0.4), (-0.5, -0.3, -1.0), phi_y=0.9, near=0.01, far=9)
-    surface = trace_surface(mesh, camera, SIDE, SIDE, BruteForce())
+    surface = trace_surface(mesh, camera, SIDE, SIDE, BruteForceCaster())
     volumes = ShadowVolumes().extrude(edges, mesh, light, camera)
     points, normals = surface.points, surface.normals
     one = volumes.count(points.reshape(-1, 3), normals.reshape(-1, 3))

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from shapes import above, lights, plate_over_plane
 
-from shadowjax import BruteForce, Hard, build_shadow_map
+from shadowjax import BruteForceCaster, Hard, build_shadow_map
 from shadowjax.filters.base import Lookup
-from shadowjax.rays.light_space import farthest, light_space
+from shadowjax.geometry.light_space import farthest, light_space
 from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.warps.fit import NEAR_DISTANCES, corners, light_frustum, padded, view_axis
 from shadowjax.warps.logarithmic import LogarithmicWarp, log_distance
@@ -66,7 +66,7 @@ def wrong_areas(warp, resolution):
     spots, zero = SPOTS + reach * AWAY[:, None] * NORMALS, jnp.zeros(len(SPOTS))
     points = jnp.stack([spots[:, 0], zero, spots[:, 1]], axis=-1)
     grid = RayGrid(SPACE, warp, farthest(SPACE, *MESH.bounds()), resolution, resolution)
-    shadow_map = build_shadow_map(BruteForce(), MESH, grid)
+    shadow_map = build_shadow_map(BruteForceCaster(), MESH, grid)
     position, depth = grid.locate(points)
     visibility = Hard().visibility(shadow_map.depth[None], Lookup(position, depth, zero + 0.3, zero + 1))
     exact = (AWAY > 0).astype(visibility.dtype)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from shapes import above, lights, plate_over_plane
 
-from shadowjax import Exact, ShadowMapping, cast
-from shadowjax.partitions.whole import Whole
-from shadowjax.partitions.z_split import ZSplit
-from shadowjax.rays.light_space import light_space
+from shadowjax import Exact, ShadowMapping, astype
+from shadowjax.geometry.light_space import light_space
+from shadowjax.partitions.cascades import Cascades
+from shadowjax.partitions.single import SingleMap
+from shadowjax.theory.aliasing.light_frustum import strength_of
 from shadowjax.warps.fit import NEAR_DISTANCES, LogarithmicFit, PerspectiveFit, corners
-from shadowjax.warps.light_frustum import strength_of
 from shadowjax.warps.logarithmic import LogarithmicWarp
 from shadowjax.warps.perspective import PerspectiveWarp
 
@@ -106,7 +106,7 @@ def place(fit, space, light, mesh, camera):
 
 @pytest.mark.parametrize("name", ["uniform", "generalised", "minimax", "balanced", "trapezoidal", "logarithmic"])
 def test_fits_cover_the_frustum_in_both_dtypes(name, dtype):
-    mesh, camera, light = cast((plate_over_plane(), above(), lights()["directional"]), dtype)
+    mesh, camera, light = astype((plate_over_plane(), above(), lights()["directional"]), dtype)
     space = light_space(light, camera.forward, *mesh.bounds())
     warp, st = place(FITS[name], space, light, mesh, camera)
     assert warp.strength.dtype == dtype
@@ -127,11 +127,11 @@ read = eqx.filter_jit(lambda shadows, points, normals: shadows.visibility(points
 @pytest.mark.parametrize(
     ("partition", "kind"),
     [
-        (Whole(PerspectiveFit("minimax")), "directional"),
-        (Whole(PerspectiveFit("psm")), "directional"),
-        (Whole(LogarithmicFit()), "directional"),
-        (Whole(PerspectiveFit("minimax")), "spot"),
-        (ZSplit(3), "directional"),
+        (SingleMap(PerspectiveFit("minimax")), "directional"),
+        (SingleMap(PerspectiveFit("psm")), "directional"),
+        (SingleMap(LogarithmicFit()), "directional"),
+        (SingleMap(PerspectiveFit("minimax")), "spot"),
+        (Cascades(3), "directional"),
     ],
     ids=["minimax", "psm", "logarithmic", "spot", "z_split"],
 )

@@ -12,7 +12,7 @@ import numpy as np
 
 from shadowjax import DirectionalLight, Mesh, MeshEdges, RayGrid, camera_grid, make_scene, mesh_edges, shadow_picture
 from shadowjax._types import Array
-from shadowjax.rays.grid import Grid
+from shadowjax.rays.grid.caster import GridCaster
 
 TRIANGLES, RESOLUTION, ROUNDS = 20_000, 256, 9
 
@@ -20,7 +20,7 @@ TRIANGLES, RESOLUTION, ROUNDS = 20_000, 256, 9
 def loss(vertices: Array, mesh: Mesh, edges: MeshEdges, light: DirectionalLight, view: RayGrid) -> Array:
     """Mean squared difference from grey."""
     moved = Mesh(vertices, mesh.faces, mesh.face_colors)
-    return jnp.mean((shadow_picture(moved, edges, light, view, Grid()) - 0.5) ** 2)
+    return jnp.mean((shadow_picture(moved, edges, light, view, GridCaster()) - 0.5) ** 2)
 
 
 def main() -> None:

@@ -38,7 +38,7 @@ def _measure(session: Session, size: str) -> None:
     calls["depth map"], beside["depth map"], _ = compiled(ours.caster.depth_on_grid, mesh, lit.grid)
     mine = np.asarray(answer)
     for other in session.ours[1:]:
-        placed = *other.placed(arguments[:2]), *other.dealt(arguments[2:])
+        placed = *other.fit(arguments[:2]), *other.dealt(arguments[2:])
         calls[other.name], entry, answer = compiled(other.visible, *placed, options=other.compiler_options)
         beside[other.name] = entry | {"visibility_differs_percent": float(100 * np.mean(np.asarray(answer) != mine))}
     # A peer's own rounding is that of the whole scene: its rays start as far above the receivers as that asks for.

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from shadowjax.rays.light_space import DirectionalSpace
+from shadowjax.geometry.light_space import DirectionalSpace
 from tests.benchmarks.peers.base import Absent, Contestant
 from tests.benchmarks.scenes import Geometry, View, along
 

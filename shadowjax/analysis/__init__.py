@@ -1,1 +1,0 @@
-"""Analysis: tones, cost, metrics, and the ledger of equations with its runner."""

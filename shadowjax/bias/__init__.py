@@ -1,0 +1,1 @@
+"""Shadow bias: its rule, its kinds and its units."""

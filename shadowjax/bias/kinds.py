@@ -1,0 +1,210 @@
+"""Kinds of bias beyond a constant: slope-scaled with a clamp, normal offset, receiver plane, and sums of them."""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from shadowjax._checked import checked
+from shadowjax._checks import require, require_choice, require_finite, require_value
+from shadowjax._numerics import dot, safe_sqrt
+from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, as_float_array
+from shadowjax.bias.rule import Bias, BiasedReceiver, BiasRule, plane_gradient, texel_size
+from shadowjax.bias.units import DepthBuffer
+from shadowjax.rays.ray_grid import RayGrid
+
+SLOPES = ("sum", "largest")
+OFFSET_UNITS = ("world", "texel")
+
+
+def _not_negative(value: ArrayLike, name: str) -> Scalar:
+    number = require_finite(as_float_array(value), name)
+    return require_value(number, number >= 0, f"{name} must not be negative")
+
+
+class SlopeScaled(BiasRule):
+    """A constant, and a multiple of the receiver's slope, limited: what graphics hardware calls a polygon offset.
+
+    b = min(constant + slope · Δ, limit), where Δ is the depth change of the receiver's plane over one texel. Past the
+    limit steep surfaces show acne again; without it light leaks along them.
+
+    Attributes:
+        constant: World units.
+        slope: Texels of slope; the filter's `reach` frees a plane of acne if Δ is the sum of both axes' changes.
+        limit: Largest bias, world units; the largest number for none.
+        over: How the changes along both axes make Δ: "sum", which bounds the change over a texel, or "largest", which
+            hardware takes and which falls short by up to a factor 2 on diagonal slopes.
+    """
+
+    constant: Scalar
+    slope: Scalar
+    limit: Scalar
+    over: str = eqx.field(static=True, default="sum")
+
+    @classmethod
+    def create(
+        cls, constant: ArrayLike = 0.0, slope: ArrayLike = 1.0, limit: ArrayLike | None = None, over: str = "sum"
+    ) -> "SlopeScaled":
+        """Checked constructor.
+
+        Raises:
+            ValueError: If a number is negative or not finite, or `over` is unknown.
+        """
+        require_choice(over, "over", SLOPES)
+        top = (
+            jnp.asarray(jnp.finfo(as_float_array(slope).dtype).max) if limit is None else _not_negative(limit, "limit")
+        )
+        return cls(_not_negative(constant, "constant"), _not_negative(slope, "slope"), top, over)
+
+    def apply(self, grid: RayGrid, points: Points, normals: Points) -> BiasedReceiver:
+        """The receivers where they are, and the limited sum."""
+        changes = jnp.abs(plane_gradient(grid, points, normals))
+        change = jnp.sum(changes, axis=-1) if self.over == "sum" else jnp.max(changes, axis=-1)
+        wanted = self.constant.astype(points.dtype) + self.slope.astype(points.dtype) * change
+        return BiasedReceiver(points, jnp.minimum(wanted, self.limit.astype(points.dtype)))
+
+
+class NormalOffset(BiasRule):
+    """Reads the map at a point moved along the receiver's normal instead of forgiving depth.
+
+    Moved by h, a point lies h / cos θ in front of its own plane along the light, θ being the incidence. A plane is
+    free of acne from h = ρ·(|n·w_s| + |n·w_t|) on, with the filter's reach ρ and the world vectors w of a texel: at
+    most ρ·(|w_s| + |w_t|)·sin θ, so it stays bounded as light grazes. The price is sideways: a shadow edge moves by
+    h·sin θ across the light.
+
+    Attributes:
+        value: Length of the move, in `unit`.
+        unit: "world" or "texel".
+        by_sine: Whether the length is multiplied by sin θ, which leaves surfaces that face the light where they are.
+    """
+
+    value: Scalar
+    unit: str = eqx.field(static=True, default="texel")
+    by_sine: bool = eqx.field(static=True, default=True)
+
+    @classmethod
+    def create(cls, value: ArrayLike, unit: str = "texel", by_sine: bool = True) -> "NormalOffset":
+        """Checked constructor.
+
+        Raises:
+            ValueError: If the unit is unknown, or the value negative or not finite.
+        """
+        require_choice(unit, "unit of a normal offset", OFFSET_UNITS)
+        return cls(_not_negative(value, "normal offset"), unit, by_sine)
+
+    def apply(self, grid: RayGrid, points: Points, normals: Points) -> BiasedReceiver:
+        """The moved receivers; no depth is forgiven."""
+        length = jnp.broadcast_to(self.value.astype(points.dtype), points.shape[:-1])
+        if self.unit == "texel":
+            length = length * texel_size(grid, points)
+        if self.by_sine:
+            cosine = dot(normals, grid.space.to_source(points))
+            length = length * safe_sqrt(1 - cosine**2)
+        return BiasedReceiver(points + length[..., None] * normals, jnp.zeros_like(length))
+
+
+class ReceiverPlane(BiasRule):
+    """Tests every tap against the receiver's own plane, continued to the tap's texel.
+
+    On a plane in parallel light under a uniform map no bias is left to choose: the plane is free of acne with none, for
+    any kernel. Warps and local lights bend the plane's depth between texels, which is left to `slope`. At creases the
+    plane is continued where there is no surface, so the gradient is limited.
+
+    Filters that read maps filtered beforehand have no taps to test and do not take it.
+
+    Attributes:
+        constant: Depth forgiven besides, world units.
+        slope: Depth forgiven besides, texels of slope. A multi-depth map needs its policy's radius: extra depths come
+            from other texels than the one they are kept in.
+    """
+
+    constant: Scalar
+    slope: Scalar
+
+    @classmethod
+    def create(cls, constant: ArrayLike = 0.0, slope: ArrayLike = 0.0) -> "ReceiverPlane":
+        """Checked constructor.
+
+        Raises:
+            ValueError: If a number is negative or not finite.
+        """
+        return cls(_not_negative(constant, "constant"), _not_negative(slope, "slope"))
+
+    def apply(self, grid: RayGrid, points: Points, normals: Points) -> BiasedReceiver:
+        """The receivers where they are, followed by their planes."""
+        besides = Bias(self.slope, "slope").in_world(grid, points, normals)
+        return BiasedReceiver(points, besides + self.constant.astype(points.dtype), True)
+
+
+class BufferBias(BiasRule):
+    """A bias in depth-buffer (NDC) units, as engines take it: how many metres it is depends on the light's range.
+
+    Attributes:
+        value: Depth-buffer units, ≥ 0.
+        buffer: The light's depth buffer; None takes a linear one from 0 to the map's own farthest depth.
+    """
+
+    value: Scalar
+    buffer: DepthBuffer | None = None
+
+    @classmethod
+    def create(cls, value: ArrayLike, buffer: DepthBuffer | None = None) -> "BufferBias":
+        """Checked constructor.
+
+        Raises:
+            ValueError: If the value is negative or not finite.
+        """
+        return cls(_not_negative(value, "depth-buffer bias"), buffer)
+
+    def apply(self, grid: RayGrid, points: Points, normals: Points) -> BiasedReceiver:
+        """The receivers where they are, and the value divided by the buffer's rate at their distance."""
+        buffer = DepthBuffer(jnp.zeros_like(grid.far), grid.far) if self.buffer is None else self.buffer
+        _, distance = grid.locate(points)
+        return BiasedReceiver(points, self.value.astype(points.dtype) / buffer.rate(distance).astype(points.dtype))
+
+
+class BiasSum(BiasRule):
+    """Several rules at once, as engines combine a constant with a normal offset: depths add, moves add.
+
+    Attributes:
+        parts: At least one rule.
+    """
+
+    parts: tuple[BiasRule, ...]
+
+    def __check_init__(self):
+        require(len(self.parts) > 0, "a sum of biases needs at least one part")
+
+    def apply(self, grid: RayGrid, points: Points, normals: Points) -> BiasedReceiver:
+        """The sum of what the parts do."""
+        each = [part.apply(grid, points, normals) for part in self.parts]
+        moved = points + sum((one.points - points for one in each), start=jnp.zeros_like(points))
+        depth = sum((one.depth for one in each), start=jnp.zeros_like(points[..., 0]))
+        return BiasedReceiver(moved, depth, any(one.follows_plane for one in each))
+
+
+@checked
+def acne_free_offset(grid: RayGrid, points: Points, normals: Points, reach: float) -> Float[Array, "*points"]:
+    """Smallest length of a `NormalOffset` that frees each receiver's plane of acne, world units.
+
+    Args:
+        grid: The light rays of the map.
+        points: Receivers.
+        normals: Their unit normals.
+        reach: The filter's reach, texels.
+
+    Returns:
+        ρ·(|n·w_s| + |n·w_t|), one for each receiver.
+    """
+    across, down = grid.cell_vectors(points)
+    return reach * (jnp.abs(dot(normals, across)) + jnp.abs(dot(normals, down)))
+
+
+__all__ = [
+    "OFFSET_UNITS",
+    "SLOPES",
+    "BiasSum",
+    "BufferBias",
+    "NormalOffset",
+    "ReceiverPlane",
+    "SlopeScaled",
+    "acne_free_offset",
+]

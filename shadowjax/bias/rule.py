@@ -1,0 +1,197 @@
+"""Bias with a meaning: how much depth the shadow test forgives, in world units, texels or texels of slope."""
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from shadowjax._checked import Checked, checked
+from shadowjax._checks import require_choice, require_finite
+from shadowjax._numerics import dot, norm
+from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, as_float_array
+from shadowjax.rays.light_space import DirectionalSpace
+from shadowjax.rays.plane_map import Box
+from shadowjax.rays.ray_grid import RayGrid
+
+UNITS = ("world", "texel", "slope")
+
+# Light that grazes at less than 4° leaves a surface dark anyway; a larger bias there would only let light through.
+MAX_SLOPE = 16.0
+
+
+class BiasedReceiver(Checked):
+    """What a bias does to receivers before they are tested.
+
+    Attributes:
+        points: Where the map is read; the receivers themselves unless they are offset.
+        depth: Depth forgiven, world units.
+        follows_plane: Whether every tap is tested against the receiver's own plane instead of its depth.
+    """
+
+    points: Points
+    depth: Float[Array, "*points"]
+    follows_plane: bool = eqx.field(static=True, default=False)
+
+
+class BiasRule(Checked):
+    """A way to keep surfaces from shadowing themselves; it belongs to the test, never to the stored depth."""
+
+    _remedy_: ClassVar = 'Give Bias.create(0.01, unit) with the unit "world", "texel" or "slope"'
+
+    @abstractmethod
+    def apply(self, grid: RayGrid, points: Points, normals: Points) -> BiasedReceiver:
+        """What is forgiven at each receiver.
+
+        Args:
+            grid: The light rays of the map.
+            points: Receivers.
+            normals: Their unit normals.
+        """
+
+
+class Bias(BiasRule):
+    """Depth that the shadow test forgives; it belongs to the test, never to the stored depth.
+
+    Attributes:
+        value: Amount in `unit`.
+        unit: "world": world units. "texel": multiples of a texel's world size at the receiver. "slope": the depth by
+            which the receiver's own plane changes over this many texels along both axes (`depth_change`); with the
+            filter's `reach` it is the smallest bias that frees a plane of acne.
+    """
+
+    value: Scalar
+    unit: str = eqx.field(static=True, default="slope")
+
+    def __check_init__(self):
+        require_choice(self.unit, "bias unit", UNITS)
+
+    @classmethod
+    def create(cls, value: ArrayLike, unit: str = "slope") -> "Bias":
+        """Checked constructor.
+
+        Raises:
+            ValueError: If the unit is unknown or the value not finite.
+        """
+        return cls(require_finite(as_float_array(value), "bias value"), unit)
+
+    def in_world(
+        self, grid: RayGrid, points: Points, normals: Points, texel: Float[Array, "*points"] | None = None
+    ) -> Float[Array, "*points"]:
+        """The bias at each receiver as a distance along its light ray, world units.
+
+        Args:
+            grid: The light rays of the map.
+            points: Receivers.
+            normals: Their unit normals.
+            texel: Side of the texel that answers for each receiver, in cells of the grid; 1 if None.
+        """
+        value = jnp.broadcast_to(self.value.astype(points.dtype), points.shape[:-1])
+        if self.unit == "world":
+            return value
+        value = value if texel is None else value * texel
+        if self.unit == "texel":
+            return value * texel_size(grid, points)
+        return depth_change(grid, points, normals, value)
+
+    def apply(self, grid: RayGrid, points: Points, normals: Points) -> BiasedReceiver:
+        """The receivers where they are, and `in_world`."""
+        return BiasedReceiver(points, self.in_world(grid, points, normals))
+
+
+@checked
+def texel_size(grid: RayGrid, points: Points) -> Float[Array, "*points"]:
+    """World length of the longer side of the texel that each point falls into, across the light ray."""
+    across, down = grid.cell_vectors(points)
+    return jnp.maximum(norm(across), norm(down))
+
+
+@checked
+def plane_gradient(
+    grid: RayGrid, points: Points, normals: Points, limit: float = MAX_SLOPE
+) -> Float[Array, "*points 2"]:
+    """Depth change of the receiver's plane over one texel along x and along y of the map, signed, world units.
+
+    Moving by one cell shifts a point by c at constant depth; staying on the plane with normal n then takes
+    δ = −n·c / n·d along the light direction d.
+
+    Args:
+        grid: The light rays of the map.
+        points: Receivers.
+        normals: Their unit normals.
+        limit: Largest change along an axis, texels; 16 is an incidence of 86°.
+
+    Returns:
+        Finite numbers, also where the surface is parallel to the light.
+    """
+    cells = grid.cell_vectors(points)
+    cosine = dot(normals, grid.space.to_source(points))
+    least = jnp.finfo(points.dtype).eps
+    safe = jnp.where(jnp.abs(cosine) < least, least, cosine)
+    largest = limit * jnp.maximum(norm(cells[0]), norm(cells[1]))
+    changes = [jnp.clip(dot(normals, cell) / safe, -largest, largest) for cell in cells]
+    return jnp.stack(changes, axis=-1)
+
+
+@checked
+def depth_slope(grid: RayGrid, points: Points, normals: Points, limit: float = MAX_SLOPE) -> Float[Array, "*points"]:
+    """Depth change of the receiver's plane over one texel along both axes of the map, world units.
+
+    Moving by one cell shifts a point by c at constant depth; staying on the plane with normal n then takes
+    δ = −n·c / n·d along the light direction d. The sum of both axes' |δ| bounds the change over a texel.
+
+    Args:
+        grid: The light rays of the map.
+        points: Receivers.
+        normals: Their unit normals.
+        limit: Largest change, texels.
+
+    Returns:
+        Non-negative depth, limited to 16 texels (an incidence of 86°), also where the surface is parallel to the light.
+    """
+    across, down = grid.cell_vectors(points)
+    cosine = jnp.abs(dot(normals, grid.space.to_source(points)))
+    rise = jnp.abs(dot(normals, across)) + jnp.abs(dot(normals, down))
+    largest = limit * jnp.maximum(norm(across), norm(down))
+    safe = jnp.maximum(cosine, jnp.finfo(points.dtype).eps)
+    return jnp.minimum(rise / safe, largest)
+
+
+@checked
+def depth_change(
+    grid: RayGrid, points: Points, normals: Points, reach: ArrayLike, limit: float = MAX_SLOPE
+) -> Float[Array, "*points"]:
+    """How far the receiver's plane comes nearer to the light within `reach` texels along both axes, world units.
+
+    Over a map with texels of one size this is `reach · depth_slope`. Warps and local lights bend the plane's depth
+    between texels, so there it is also followed to the four corners of the reach, c from the receiver at constant
+    depth, where it is nearer by −n·c / n·s, s being the unit vector to the light at the corner; the larger counts.
+    Parallel light through a map that keeps lines straight has its extremes at corners. The distance to a lamp is a
+    convex function over a plane, whose derivative bounds how much nearer it comes.
+
+    Args:
+        grid: The light rays of the map.
+        points: Receivers.
+        normals: Their unit normals.
+        reach: Texels, one number or one for each point; a negative number gives a negative change.
+        limit: Largest change, texels of depth for each texel of reach.
+
+    Returns:
+        At most `limit · reach` texels, also where the surface is parallel to the light.
+    """
+    reach = jnp.broadcast_to(jnp.asarray(reach, points.dtype), points.shape[:-1])
+    if isinstance(grid.space, DirectionalSpace) and isinstance(grid.plane_map, Box):
+        return reach * depth_slope(grid, points, normals, limit)
+    position, depth = grid.locate(points)
+    behind = dot(normals, grid.space.to_source(points)) < 0
+    facing = jnp.where(behind[..., None], -normals, normals)
+    largest = limit * jnp.abs(reach) * texel_size(grid, points)
+    change = reach * depth_slope(grid, points, normals, limit)
+    # What rounding makes of the difference of two places; where nothing bends, the derivative's answer stands.
+    rounding = 2 * jnp.finfo(points.dtype).eps * grid.far
+    for corner in ((-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)):
+        moved = grid.point(position + jnp.abs(reach)[..., None] * jnp.asarray(corner, points.dtype), depth)
+        cosine = dot(facing, grid.space.to_source(moved))
+        nearer = (dot(facing, points - moved) - rounding) / jnp.maximum(cosine, jnp.finfo(points.dtype).eps)
+        change = jnp.where(reach < 0, jnp.minimum(change, -nearer), jnp.maximum(change, nearer))
+    return jnp.clip(change, -largest, largest)

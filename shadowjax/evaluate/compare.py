@@ -1,0 +1,324 @@
+"""Techniques against the exact shadow, one record each: error, tones, memory and time. Nothing is drawn here."""
+
+import dataclasses
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy import ndimage
+
+from shadowjax._checked import Checked, checked
+from shadowjax._checks import require, require_int
+from shadowjax._numerics import dot, safe_divide, safe_sqrt
+from shadowjax._types import Array, Bool, Float
+from shadowjax.evaluate import metrics
+from shadowjax.geometry.smoothing import smooth_corner_groups
+from shadowjax.presets import named_technique
+from shadowjax.rays.caster import Caster
+from shadowjax.rays.casters import default_caster
+from shadowjax.scenes import Scene
+from shadowjax.shading import Surface, downsample, trace_surface, valid_receivers, visibility_on
+from shadowjax.techniques.base import Shadows, Technique
+from shadowjax.techniques.registry import make_technique
+from shadowjax.techniques.shadow_mapping import MappedShadows
+from shadowjax.theory.memory import planes_in_formats
+from shadowjax.theory.tones import count_tones
+
+Progress = Callable[[str], None]
+
+# Pixels between the umbra, where light is bleeding, and the exact shadow's edge, where it may be blur.
+EDGE_MARGIN = 4
+
+
+@checked
+@dataclass(frozen=True)
+class Record:
+    """How one technique did on one view.
+
+    Args:
+        technique: Registered name.
+        rmse: Root mean squared error of visibility over valid receivers.
+        mean_abs_error: Mean absolute error; the sum of the next two.
+        false_lit: Area fraction of valid receivers that is lit and should not be; partly lit pixels count in part.
+        false_shadow: Area fraction that is in shadow and should not be.
+        tones: Distinct visibilities counted among valid samples.
+        tones_bound: Most that the technique can give; None for a continuum.
+        map_bytes: Bytes of all stored planes.
+        build_ms: Time to build the maps, milliseconds: warm median.
+        visibility_ms: Time to look up every sample of the picture, milliseconds: warm median.
+        psnr: Peak signal-to-noise ratio of visibility, dB; the dtype's ceiling for a perfect picture.
+        ssim: Structural similarity of visibility; None for pictures smaller than its window.
+        edge_distance: Mean distance between the technique's shadow edges and the exact ones, pixels.
+        light_rmse: Root mean squared error of the light that a surface receives, relative to the mean of its square
+            without shadows: visibility weighted by the cosine of incidence. Errors at grazing light hardly show.
+        bleed: Mean light in the umbra, where the exact shadow is full and no edge of it is near: light that leaks.
+        acne: Mean lack of light where the exact picture is fully lit and no shadow edge is near.
+        flip: FLIP error of visibility; None where the package `flip_evaluator` is missing.
+        texture_bytes: Bytes of textures of four channels or fewer that would hold the planes; three take four.
+        volume_bytes: Bytes of what shadow volumes keep in place of a map: quads, and a stencil buffer of every sample.
+    """
+
+    technique: str
+    rmse: float
+    mean_abs_error: float
+    false_lit: float
+    false_shadow: float
+    tones: int
+    tones_bound: int | None
+    map_bytes: int
+    build_ms: float
+    visibility_ms: float
+    psnr: float
+    ssim: float | None
+    edge_distance: float
+    light_rmse: float
+    bleed: float = 0.0
+    acne: float = 0.0
+    flip: float | None = None
+    texture_bytes: int = 0
+    volume_bytes: int = 0
+
+    @property
+    def stored_bytes(self) -> int:
+        """Bytes of maps and volumes."""
+        return self.map_bytes + self.volume_bytes
+
+    def to_json(self) -> dict[str, Any]:
+        """The record as plain values."""
+        return dataclasses.asdict(self)
+
+
+class View(Checked):
+    """What a camera sees of a scene, where shadows matter there, and the truth about them.
+
+    Attributes:
+        surface: Every sample of the picture.
+        valid: Samples that face the light and lie in its cone.
+        exact: Visibility of every sample by shadow rays.
+        cosine: Cosine of the light's incidence at every sample, 0 where no shadow counts.
+        samples_per_axis: K; each pixel has K² samples.
+    """
+
+    surface: Surface
+    valid: Bool[Array, "rows cols"]
+    exact: Float[Array, "rows cols"]
+    cosine: Float[Array, "rows cols"]
+    samples_per_axis: int = eqx.field(static=True)
+
+    def per_pixel(self, values: Float[Array, "rows cols"]) -> Float[Array, "height width"]:
+        """Mean of a quantity over the valid samples of every pixel; 0 where there are none."""
+        weight = self.valid.astype(values.dtype)
+        summed = downsample(values * weight, self.samples_per_axis)
+        return summed / jnp.maximum(downsample(weight, self.samples_per_axis), jnp.finfo(values.dtype).tiny)
+
+    @property
+    def pixel_mask(self) -> Bool[Array, "height width"]:
+        """Pixels with at least one valid sample."""
+        return downsample(self.valid.astype(self.exact.dtype), self.samples_per_axis) > 0
+
+
+@checked
+@dataclass(frozen=True)
+class Comparison:
+    """Everything that a comparison made.
+
+    Args:
+        view: The view, with the exact shadow.
+        names: Techniques in the order asked for.
+        records: One for each technique.
+        shadows: What each technique built.
+        visibilities: Visibility of every sample, one array for each technique.
+    """
+
+    view: View
+    names: tuple[str, ...]
+    records: tuple[Record, ...]
+    shadows: tuple[Shadows, ...]
+    visibilities: tuple[Float[Array, "rows cols"], ...]
+
+
+@checked
+def timed(function: Callable[[], Any], repeats: int = 3) -> tuple[Any, float]:
+    """Result and warm time of a function: one call to compile, then the median of `repeats` calls.
+
+    Args:
+        function: Called without arguments; its arrays are waited for.
+        repeats: Calls that are timed, ≥ 1.
+
+    Returns:
+        The result of the last call, and milliseconds.
+    """
+    result = jax.block_until_ready(function())
+    times = []
+    for _ in range(require_int(repeats, "repeats", 1)):
+        start = time.perf_counter()
+        result = jax.block_until_ready(function())
+        times.append(1e3 * (time.perf_counter() - start))
+    return result, statistics.median(times)
+
+
+@checked
+def reference_view(
+    scene: Scene, width: int, height: int, caster: Caster | None = None, samples_per_axis: int = 1
+) -> View:
+    """Trace the camera's rays and find the exact shadow of the scene's first light.
+
+    Args:
+        scene: Mesh, camera and lights.
+        width: Pixels across, ≥ 1.
+        height: Pixels down, ≥ 1.
+        caster: Traces all rays; the default caster if None.
+        samples_per_axis: K ≥ 1; each pixel gets K² samples.
+
+    Raises:
+        ValueError: If no surface in view faces the light.
+    """
+    caster = default_caster() if caster is None else caster
+    light = scene.lights[0]
+    groups = smooth_corner_groups(scene.mesh)
+    surface = trace_surface(scene.mesh, scene.camera, width, height, caster, groups, samples_per_axis)
+    valid = valid_receivers(surface, light)
+    require(
+        bool(jnp.any(valid)),
+        "no surface in the picture faces the light, so there is no shadow to compare; turn the camera or the light",
+    )
+    exact = make_technique("exact", caster=caster).build(scene.mesh, light, scene.camera)
+    cosine = jnp.where(valid, dot(surface.normals, light.to_light(surface.points)[0]), 0)
+    return View(surface, valid, visibility_on(surface, exact), cosine, samples_per_axis)
+
+
+@checked
+def measure(
+    scene: Scene,
+    names: Sequence[str],
+    width: int = 480,
+    height: int = 360,
+    resolution: int = 512,
+    samples_per_axis: int = 1,
+    caster: Caster | None = None,
+    repeats: int = 3,
+    progress: Progress | None = None,
+    view: View | None = None,
+) -> Comparison:
+    """Run techniques on the scene's first light and measure each against shadow rays.
+
+    Errors are those of pixels: the mean visibility of a pixel's valid samples against the exact mean. Tones are counted
+    among samples, before they are averaged.
+
+    Args:
+        scene: Mesh, camera and lights.
+        names: Registered techniques or presets (`preset:NAME`), each once.
+        width: Pixels across, ≥ 1.
+        height: Pixels down, ≥ 1.
+        resolution: Texels along each side of a map, ≥ 1.
+        samples_per_axis: K ≥ 1; each pixel gets K² samples.
+        caster: Traces all rays; the default caster if None.
+        repeats: Timed calls of each step, ≥ 1.
+        progress: Called with the name of each step as it starts.
+        view: From `look` with the same scene, if it is at hand; sizes and samples are then the view's.
+
+    Raises:
+        ValueError: If a name is unknown or given twice, a size is out of range, or nothing in view faces the light.
+    """
+    caster = default_caster() if caster is None else caster
+    require(len(names) > 0, "give at least one technique to compare")
+    twice = sorted({name for name in names if list(names).count(name) > 1})
+    require(not twice, f"give each technique once; got {', '.join(twice)} more than once")
+    techniques = [named_technique(name, resolution, caster) for name in names]
+    announce = progress or (lambda step: None)
+    if view is None:
+        announce("exact shadow")
+        view = reference_view(scene, width, height, caster, samples_per_axis)
+    records, built, visibilities = [], [], []
+    for name, technique in zip(names, techniques, strict=True):
+        announce(name)
+        shadows, build_ms = timed(lambda t=technique: t.build(scene.mesh, scene.lights[0], scene.camera), repeats)
+        visibility, visibility_ms = timed(lambda s=shadows: visibility_on(view.surface, s), repeats)
+        records.append(record(name, technique, shadows, visibility, view, build_ms, visibility_ms))
+        built.append(shadows)
+        visibilities.append(visibility)
+    return Comparison(view, tuple(names), tuple(records), tuple(built), tuple(visibilities))
+
+
+@checked
+def compare(scene: Scene, techniques: Sequence[str], **options: Any) -> list[Record]:
+    """One record for each technique; arguments as in `measure`."""
+    return list(measure(scene, techniques, **options).records)
+
+
+@checked
+def record(
+    name: str,
+    technique: Technique,
+    shadows: Shadows,
+    visibility: Float[Array, "rows cols"],
+    view: View,
+    build_ms: float,
+    visibility_ms: float,
+) -> Record:
+    """The record of visibilities that a technique gave for a view.
+
+    Args:
+        name: Of the technique.
+        technique: Tells the bound on tones.
+        shadows: Tells the bytes.
+        visibility: Of every sample.
+        view: The truth.
+        build_ms: Measured elsewhere.
+        visibility_ms: Measured elsewhere.
+    """
+    far = _away_from_edges(np.asarray(view.per_pixel(view.exact)), np.asarray(view.pixel_mask))
+    arriving = [downsample(view.cosine * value, view.samples_per_axis) for value in (visibility, view.exact, 1.0)]
+    wrong, power = jnp.sum((arriving[0] - arriving[1]) ** 2), jnp.sum(arriving[2] ** 2)
+    test, truth, mask = view.per_pixel(visibility), view.per_pixel(view.exact), view.pixel_mask
+    return Record(
+        technique=name,
+        rmse=float(metrics.rmse(test, truth, mask)),
+        mean_abs_error=float(metrics.mean_abs_error(test, truth, mask)),
+        false_lit=float(metrics.false_lit(test, truth, mask)),
+        false_shadow=float(metrics.false_shadow(test, truth, mask)),
+        tones=count_tones(np.asarray(visibility), np.asarray(view.valid)),
+        tones_bound=technique.num_tones,
+        map_bytes=shadows.map_bytes,
+        build_ms=build_ms,
+        visibility_ms=visibility_ms,
+        psnr=float(metrics.psnr(test, truth, mask)),
+        ssim=float(metrics.ssim(test, truth, mask)) if min(test.shape) >= metrics.SSIM_WIDTH else None,
+        edge_distance=metrics.edge_distance(np.asarray(test), np.asarray(truth), np.asarray(mask)).mean,
+        light_rmse=float(safe_sqrt(safe_divide(wrong, power))),
+        bleed=_mean_where(np.asarray(test), far & (np.asarray(truth) <= 0)),
+        acne=_mean_where(1 - np.asarray(test), far & (np.asarray(truth) >= 1)),
+        flip=metrics.flip(jnp.where(mask, test, 1), jnp.where(mask, truth, 1)),
+        texture_bytes=_texture_bytes(shadows),
+        volume_bytes=shadows.volume_bytes(view.exact.size),
+    )
+
+
+def _away_from_edges(truth: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Valid pixels with no pixel of another answer, and no border of the mask, within `EDGE_MARGIN`."""
+    same = np.ones_like(mask)
+    for extreme in (ndimage.minimum_filter, ndimage.maximum_filter):
+        same &= extreme(np.where(mask, truth, -1.0), 2 * EDGE_MARGIN + 1, mode="nearest") == truth
+    return same & mask
+
+
+def _mean_where(values: np.ndarray, where: np.ndarray) -> float:
+    return float(values[where].mean()) if where.any() else 0.0
+
+
+def _texture_bytes(shadows: Shadows) -> int:
+    """Planes of every map in textures of their own bits, without mip chains."""
+    if not isinstance(shadows, MappedShadows):
+        return shadows.map_bytes
+    total = 0
+    for shadow_map in shadows.maps:
+        bits = 32 if shadow_map.depth.dtype.itemsize > 2 else 16
+        textures = planes_in_formats(shadows.filter.num_planes, bits)
+        total += sum(texture.num_bytes(shadow_map.depth.shape[0]) for texture in textures)
+    return total

@@ -1,0 +1,1 @@
+"""Optimal parameters from closed forms: near distances and split planes of a view."""

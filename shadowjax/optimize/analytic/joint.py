@@ -1,0 +1,519 @@
+"""Planes and near distances together, with or without a limit on the jump of the error at the seams."""
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from scipy.optimize import minimize, nnls
+
+from shadowjax._checked import Checked, checked
+from shadowjax._checks import require, require_choice, require_int, require_value
+from shadowjax._numerics import larger, largest
+from shadowjax._types import Array, ArrayLike, Bool, Float
+from shadowjax.optimize.analytic.splits import WARPS
+from shadowjax.theory.aliasing.error import error_pieces, error_x, error_z, storage_factor
+from shadowjax.theory.aliasing.light_frustum import SECTIONS, LightFrustum, Section
+
+OBJECTIVES = ("max", "sum")
+JOINT_WARPS = ("free", *WARPS)
+RANDOM_STARTS = 16
+NEARLY = 1e-3  # slack of a constraint, in ln, below which it may turn out to be active
+HELD = 1e-7  # largest excess of a constraint, in ln, that counts as kept
+LEAST_BEND = 1e-12  # of a uniform map
+STEPS = 12  # of Newton's method, which takes two or three
+
+
+class JointCertificate(Checked):
+    """Why the planes and near distances are optimal.
+
+    Attributes:
+        residual: What is left of the objective's slope after the active constraints' multipliers have taken their part
+            (Karush–Kuhn–Tucker), relative to that slope; 0 at a stationary point.
+        converged: Whether it is stationary and keeps its constraints, both to within the precision of the numbers.
+        violation: Largest excess of a constraint, in ln of a storage or of a jump; at most rounding.
+        seam_jump: Largest jump of m_x or m_z on the view axis at a cut.
+        seam_limited: Whether the limit is what holds the optimum.
+        equal: Objective of equal ratios (warping, eq. 50) with the same warp, its n' the closed form if free.
+        published: Objective of equal ratios with n' of eq. 42 and 44.
+        published_jump: Their largest jump: they may break the limit.
+        gain: `published` over the objective found; below 1 where only the limit makes it worse.
+        starts: How many starting points the search had.
+    """
+
+    residual: Float[Array, "*views"]
+    converged: Bool[Array, "*views"]
+    violation: Float[Array, "*views"]
+    seam_jump: Float[Array, "*views"]
+    seam_limited: Bool[Array, "*views"]
+    equal: Float[Array, "*views"]
+    published: Float[Array, "*views"]
+    published_jump: Float[Array, "*views"]
+    gain: Float[Array, "*views"]
+    starts: int = eqx.field(static=True)
+
+
+class JointSplits(Checked):
+    """The best planes and near distances of views and lights.
+
+    Attributes:
+        splits: k + 1 planes along the last axis, world units, n and f included; other axes are those of the views.
+        near_distances: n' of every slice, world units; huge for a uniform map.
+        storage: Sum or maximum of the slices' storage factors; it has the shape of the views.
+        certificate: Evidence that it is optimal.
+    """
+
+    splits: Float[Array, "*views planes"]
+    near_distances: Float[Array, "*views slices"]
+    storage: Float[Array, "*views"]
+    certificate: JointCertificate
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers, as `optimize splits` writes them."""
+        return {
+            "splits": self.splits.tolist(),
+            "storage": self.storage.tolist(),
+            "near_distances": self.near_distances.tolist(),
+            "certificate": {
+                name: value if isinstance(value, int) else value.tolist()
+                for name, value in vars(self.certificate).items()
+            },
+        }
+
+
+def _slices(view: LightFrustum, log_ratios: Array) -> LightFrustum:
+    """Similar slices of near distance 1."""
+    one = jnp.ones_like(log_ratios)
+    return LightFrustum(one, jnp.exp(log_ratios), one * view.phi_y, one * view.phi_x, one * view.gamma)
+
+
+def _distances(parts: LightFrustum, bend: Array, warp: str, section: Section) -> Array:
+    """n' of slices: by rule, or W(1 − b)/b of free bends b = W/(n' + W) in (0, 1), of which 0 is the uniform map."""
+    if warp != "free":
+        return WARPS[warp](parts, section)
+    return parts.bounded(parts.extent * (1 - bend) / bend)
+
+
+@checked
+def log_storages(frustum: LightFrustum, near_distance: Array, section: Section) -> Float[Array, "slices 8"]:
+    """ln of the eight smooth functions whose largest is a slice's S.
+
+    Their maximum is smooth nowhere that matters, so the optimiser is given all eight as constraints.
+    """
+    return error_pieces(frustum, "storage", section).logs(near_distance)
+
+
+@checked
+def log_jumps(parts: LightFrustum, distance: Array) -> Float[Array, "cuts 2"]:
+    """ln of the error after over the error before each cut, for m_x and m_z on the view axis, of similar slices."""
+
+    def jump(error: Any) -> Array:
+        # seen from the cut, both slices have it at depth 1: errors of similar slices do not depend on scale
+        return jnp.log(error(parts, distance, parts.near)[1:] / error(parts, distance, parts.far)[:-1])
+
+    return jnp.stack([jump(error_x), jump(error_z)], axis=-1)
+
+
+def _excesses(parts: LightFrustum, distance: Array) -> Float[Array, "cuts 6"]:
+    """Functions of each cut whose largest is the jump's logarithm, up or down, for m_x and m_z.
+
+    A slice is as wide as its near or its far plane needs. Each of these widths is a function of its own where it makes
+    a jump larger, for the optimum may lie where both are equal.
+    """
+    strength = 1 / distance
+    planes = (parts.near, parts.low_near), (parts.far, parts.low_far)
+    widths = jnp.stack([jnp.log(depth) - jnp.log1p(strength * low) for depth, low in planes])
+
+    def worst(depth: Array) -> Array:
+        return jnp.log1p(parts.offset(depth) * strength) - jnp.log(depth)
+
+    after = widths[:, 1:] + worst(parts.near)[1:]
+    before = widths[:, :-1] + worst(parts.far)[:-1]
+    up, down = after - larger(before[0], before[1]), before - larger(after[0], after[1])
+    along = log_jumps(parts, distance)[:, 1]
+    return jnp.stack([*up, *down, along, -along], axis=-1)
+
+
+class _Kind(NamedTuple):
+    """What is asked for, apart from numbers."""
+
+    k: int
+    objective: str
+    warp: str
+    section: Section
+    limited: bool
+
+
+def _functions(v: Array, view: LightFrustum, limit: Array, kind: _Kind) -> tuple[Array, Array]:
+    """The objective and all constraints (≥ 0), at log ratios, bends and ln S."""
+    k = kind.k
+    log_ratios, bend, level = v[:k], v[k : 2 * k], v[2 * k :]
+    parts = _slices(view, log_ratios)
+    distance = _distances(parts, bend, kind.warp, kind.section)
+    above = level[:, None] - log_storages(parts, distance, kind.section)
+    held = [above.reshape(-1)]
+    if kind.limited:
+        held.append((limit - _excesses(parts, distance)).reshape(-1))
+    worst = level[0] if kind.objective == "max" else jax.nn.logsumexp(level)
+    return worst, jnp.concatenate(held)
+
+
+@eqx.filter_jit
+def _problem(v: Array, view: LightFrustum, limit: Array, kind: _Kind) -> tuple[Any, Any]:
+    """Value and slope of the objective, and values and slopes of all constraints."""
+    functions = lambda v: _functions(v, view, limit, kind)  # noqa: E731
+    return functions(v), jax.jacfwd(functions)(v)
+
+
+class _Point(NamedTuple):
+    """A stationary point: its variables, its multipliers, and what holds it.
+
+    Attributes:
+        v: Log ratios, bends and ln S.
+        forces: Multipliers of the constraints, and of the sum of log ratios.
+        holds: Which constraints hold it.
+        fixed: Which variables lie at a bound, or have no part.
+        residual: Of the slope, relative.
+        violation: Largest excess of a constraint.
+    """
+
+    v: Any
+    forces: Any
+    holds: Any
+    fixed: Any
+    residual: Any
+    violation: Any
+
+
+def _condition(
+    z: Array, view: LightFrustum, limit: Array, start: Array, holds: Array, fixed: Array, kind: _Kind
+) -> Array:
+    """What vanishes at a stationary point: balance of slopes, active constraints, the sum of log ratios."""
+    num = start.shape[0]
+    v, forces = z[:num], z[num:]
+    span = jnp.log1p((view.far - view.near) / view.near)
+    sums = (jnp.arange(num) < kind.k).astype(v.dtype)
+
+    def balance(v: Array) -> Array:
+        worst, held = _functions(v, view, limit, kind)
+        return worst - jnp.sum(jnp.where(holds, forces[:-1] * held, 0.0)) - forces[-1] * jnp.sum(sums * v)
+
+    _, held = _functions(v, view, limit, kind)
+    slopes = jnp.where(fixed, v - start, jax.grad(balance)(v))
+    return jnp.concatenate([slopes, jnp.where(holds, held, forces[:-1]), (jnp.sum(sums * v) - span)[None]])
+
+
+@eqx.filter_jit
+def _condition_and_slope(z: Array, *args: Any) -> tuple[Array, Array]:
+    condition = lambda z: _condition(z, *args)  # noqa: E731
+    return condition(z), jax.jacfwd(condition)(z)
+
+
+def _starts(span: float, k: int, limit: float, limited: bool, free: bool) -> Iterator[tuple[Any, Any]]:
+    """Log ratios and bends to start from; bends None for those of the closed form.
+
+    Equal ratios, one slice longer or shorter, all but the first at the limit; under a limit on free n', where optima
+    are many, also strong warps and random ones from a fixed seed.
+    """
+    equal = np.full(k, span / k)
+    yield equal, None
+    for power in (0.5, 1.0, 2.0) if limited else ():
+        rest = np.full(k, min(power * limit, 0.9 * span / k))
+        rest[0] = span - rest[1:].sum()
+        yield rest, None
+    for factor in (0.4, 2.0) if k > 1 else ():
+        for place in (0, k - 1):
+            shares = np.ones(k)
+            shares[place] = factor
+            yield span * shares / shares.sum(), None
+    if limited and free:
+        for bend in (0.2, 0.8, 0.97):
+            yield equal, np.full(k, bend)
+        rng = np.random.default_rng(0)
+        for _ in range(RANDOM_STARTS):
+            shares = rng.dirichlet(np.full(k, 3.0))
+            yield span * (0.9 * shares + 0.1 / k), rng.uniform(0.02, 0.98, k)
+
+
+@checked
+def joint_splits(
+    near: ArrayLike,
+    far: ArrayLike,
+    phi: ArrayLike,
+    gamma: ArrayLike,
+    num_partitions: int,
+    objective: str = "sum",
+    warp: str = "free",
+    seam_limit: ArrayLike | None = None,
+    section: str = "axis",
+) -> JointSplits:
+    """The planes of k depth slices, and the n' of each, of least storage, under a limit on the jump at seams.
+
+    The four numbers of a view, and the limit, broadcast against each other; planes and n' stand along a last axis.
+    Results carry their implicit derivative by all of them, from the conditions that hold at the optimum (Karush, Kuhn
+    and Tucker), under `jit` and `vmap`, forward and reverse.
+
+    The problem is smooth once every slice's storage is a variable above the eight smooth functions whose maximum it is.
+    Sequential quadratic programming from several starts, with exact derivatives, finds the active constraints, and
+    Newton's method on their conditions ends it; the certificate says how stationary the result is. Run it with 64-bit
+    floats: with 32 the residual is large.
+
+    Args:
+        near: Depth n, world units, > 0.
+        far: Depth f, world units, > near.
+        phi: Half the vertical angle of view, radians, in (0, π/2).
+        gamma: Angle between light and view, radians, in [0, π/2].
+        num_partitions: k ≥ 1.
+        objective: "sum", all texels, or "max", the largest slice's.
+        warp: "free" to choose every n'; or a rule of `shadowjax.optimize.analytic.splits.WARPS`.
+        seam_limit: Largest factor, > 1, by which m_x and m_z may change at a cut on the view axis; none if None.
+        section: "axis" or "whole" vertical section, over which errors are taken.
+
+    Raises:
+        ValueError: If a number is out of range, a name unknown, or no planes keep the limit.
+        RuntimeError: When differentiated (at run time) at a view whose optimum has not converged, or is not unique.
+
+    Source: warping, eq. 50, 51 and 55, and the text on seams; the optimum is derived here.
+    """
+    require_choice(objective, "objective", OBJECTIVES)
+    require_choice(warp, "warp", JOINT_WARPS)
+    checked: Section = require_choice(section, "section", SECTIONS)
+    view = LightFrustum.create(near, far, phi, gamma)
+    k = require_int(num_partitions, "the number of partitions k", 1)
+    factor = jnp.asarray(math.e if seam_limit is None else seam_limit, view.near.dtype)
+    limit = jnp.log(require_value(factor, factor > 1, "seam_limit, a factor, must exceed 1"))
+    kind = _Kind(k, objective, warp, checked, seam_limit is not None and k > 1)
+    shape = jnp.broadcast_shapes(limit.shape, *(x.shape for x in jax.tree.leaves(view)))
+    flat = jax.tree.map(lambda x: jnp.broadcast_to(x, shape).reshape(-1), (view, limit))
+    fixed = jax.tree.leaves(jax.lax.stop_gradient(flat))
+    if any(isinstance(x, Tracer) for x in fixed):
+        like = jax.eval_shape(lambda: _blank(kind, fixed[0].shape[0], view.near.dtype))
+        point = jax.pure_callback(
+            lambda *numbers: _find(kind, *numbers), like, *fixed, vmap_method="sequential"
+        )  # fmt: skip
+    else:
+        point = _find(kind, *fixed)
+    found = _all_reports(flat[0], flat[1], jax.tree.map(jnp.asarray, point), kind)
+    return jax.tree.map(lambda x: x.reshape(*shape, *x.shape[1:]), found)
+
+
+def _blank(kind: _Kind, views: int, dtype: Any) -> _Point:
+    """An array of the shape of each part of the points of several views."""
+    num = 2 * kind.k + (kind.k if kind.objective == "sum" else 1)
+    constraints = 8 * kind.k + (6 * (kind.k - 1) if kind.limited else 0)
+    zero = lambda *shape: jnp.zeros((views, *shape), dtype)  # noqa: E731
+    flags = lambda size: jnp.zeros((views, size), bool)  # noqa: E731
+    return _Point(zero(num), zero(constraints + 1), flags(constraints), flags(num), zero(), zero())
+
+
+def _find(kind: _Kind, *numbers: Array) -> _Point:
+    """The best point of every view, one after the other, on the host."""
+    dtype = numbers[0].dtype
+    points = []
+    for row in zip(*(np.asarray(x).tolist() for x in numbers), strict=True):
+        *fields, limit = (jnp.asarray(x, dtype) for x in row)
+        points.append(_search(LightFrustum(*fields), limit, kind))
+    return _Point(*(np.stack(parts).astype(like.dtype) for parts, like in zip(
+        zip(*points, strict=True), _blank(kind, 1, dtype), strict=True)))  # fmt: skip
+
+
+def _search(view: LightFrustum, limit: Array, kind: _Kind) -> _Point:
+    best = None
+    span = math.log(float(view.far / view.near))
+    for log_ratios, bend in _starts(span, kind.k, float(limit), kind.limited, kind.warp == "free"):
+        found = _solve(log_ratios, bend, view, limit, kind)
+        if found is not None and (best is None or found[1] < best[1] * (1 - 1e-12)):
+            best = found
+    require(
+        best is not None,
+        f"no {kind.k} slices found whose error jumps by at most {math.exp(float(limit)):.6g} at every cut; "
+        "raise seam_limit or num_partitions",
+    )
+    assert best is not None
+    return _settled(best[0], view, limit, kind)
+
+
+def _at(v: np.ndarray, args: tuple[Any, ...]) -> tuple[tuple[float, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Value and constraints, and their slopes, as NumPy arrays."""
+    dtype = args[0].near.dtype
+    (value, held), (slope, slopes) = jax.tree.map(np.asarray, _problem(jnp.asarray(v, dtype), *args))
+    as_double = lambda x: np.asarray(x, np.float64)  # noqa: E731
+    return (float(value), as_double(held)), (as_double(slope), as_double(slopes))
+
+
+def _num_starts(kind: _Kind) -> int:
+    """How many starting points a search has."""
+    return sum(1 for _ in _starts(4.0, kind.k, 1.0, kind.limited, kind.warp == "free"))
+
+
+def _solve(start: np.ndarray, bend: np.ndarray | None, *args: Any) -> tuple[np.ndarray, float] | None:
+    """Variables and exact objective from one start; None where the result breaks the limit."""
+    view, _, kind = args
+    k, dtype = kind.k, view.near.dtype
+    parts = _slices(view, jnp.asarray(start, dtype))
+    if bend is None:
+        distance = WARPS["least_storage" if kind.warp == "free" else kind.warp](parts, kind.section)
+        bend = np.asarray(parts.extent / (parts.extent + distance), np.float64)
+    else:
+        distance = _distances(parts, jnp.asarray(bend, dtype), kind.warp, kind.section)
+    level = np.max(np.asarray(log_storages(parts, distance, kind.section), np.float64), axis=-1)
+    level = level if kind.objective == "sum" else np.asarray([level.max()])
+    v = np.concatenate([start, np.clip(bend, 1e-9, 1 - 1e-9), level])
+    span = float(np.log(float(view.far / view.near)))
+    sums = np.concatenate([np.ones(k), np.zeros(len(v) - k)])
+    bounds = [(1e-3 * span / k, span)] * k + [(LEAST_BEND, 1 - 1e-9)] * k + [(-60.0, 60.0)] * len(level)
+    found: Any = minimize(
+        lambda x: (_at(x, args)[0][0], _at(x, args)[1][0]), v, jac=True, method="SLSQP", bounds=bounds,
+        constraints=[
+            {"type": "eq", "fun": lambda x: sums @ x - span, "jac": lambda x: sums},
+            {"type": "ineq", "fun": lambda x: _at(x, args)[0][1], "jac": lambda x: _at(x, args)[1][1]},
+        ],
+        options={"maxiter": 300, "ftol": 1e-15},
+    )  # fmt: skip
+    v = np.asarray(found.x)
+    v[:k] *= span / v[:k].sum()
+    v, value, broken = _exact(v, args)
+    return None if broken > HELD else (v, value)
+
+
+def _exact(v: np.ndarray, args: tuple[Any, ...]) -> tuple[np.ndarray, float, float]:
+    """Variables with the levels that the others give; the objective; and by how much a jump exceeds its limit."""
+    view, limit, kind = args
+    k, dtype = kind.k, view.near.dtype
+    parts = _slices(view, jnp.asarray(v[:k], dtype))
+    distance = _distances(parts, jnp.asarray(v[k : 2 * k], dtype), kind.warp, kind.section)
+    levels = np.max(np.asarray(log_storages(parts, distance, kind.section), np.float64), axis=-1)
+    level, value = (levels, np.exp(levels).sum()) if kind.objective == "sum" else ([levels.max()], np.exp(levels.max()))
+    over = float(jnp.max(jnp.abs(log_jumps(parts, distance)))) - float(limit) if kind.limited else 0.0
+    return np.concatenate([v[: 2 * k], level]), float(value), over
+
+
+def _settled(v: np.ndarray, *args: Any) -> _Point:
+    """The stationary point beside the end of a search: Newton's method on the conditions of its active constraints.
+
+    A constraint nearly met counts as active if it is needed to balance the objective's slope. Where the point that
+    this leads to breaks a constraint or needs a negative multiplier, the search's own end stands.
+    """
+    kind, dtype = args[-1], args[0].near.dtype
+    num, k = len(v), kind.k
+    fixed = np.zeros(num, bool)
+    bends = slice(k, 2 * k)
+    # A uniform map is at the bound itself, not somewhere within the search's rounding of it.
+    v[bends] = np.where(v[bends] < 1e-6, LEAST_BEND, v[bends])
+    fixed[bends] = (v[bends] < 1e-6) | (v[bends] > 1 - 1e-8) | (kind.warp != "free")
+    trial = _balanced(v, fixed, NEARLY, args)
+    z = np.concatenate([trial.v, trial.forces])
+    numbers = [jnp.asarray(x, dtype) for x in v]
+    for _ in range(STEPS):
+        rest, slopes = _condition_and_slope(
+            jnp.asarray(z, dtype),
+            args[0],
+            args[1],
+            jnp.stack(numbers),
+            jnp.asarray(trial.holds),
+            jnp.asarray(fixed),
+            kind,
+        )
+        z = z - np.linalg.lstsq(np.asarray(slopes, np.float64), np.asarray(rest, np.float64))[0]
+    new, value, _ = _exact(z[:num], args) if np.isfinite(z).all() else (v, math.inf, 0.0)
+    forces = z[num:-1][trial.holds]
+    better = _balanced(new, fixed, HELD, args)
+    kept = better.violation <= HELD and value <= _exact(v, args)[1] * (1 + 1e-6) and (forces >= -1e-9).all()
+    if kept and better.residual <= _balanced(v, fixed, HELD, args).residual:
+        return better._replace(v=new, forces=z[num:], holds=trial.holds)
+    return _balanced(v, fixed, HELD, args)
+
+
+def _balanced(v: np.ndarray, fixed: np.ndarray, slack: float, args: tuple[Any, ...]) -> _Point:
+    """Multipliers ≥ 0 of the constraints with at most some slack that best balance the objective's slope.
+
+    The slack is relative to what the levels, logarithms themselves, can move: to 1.
+    """
+    k = args[-1].k
+    (_, held), (slope, slopes) = _at(v, args)
+    sums = np.concatenate([np.ones(k), np.zeros(len(v) - k)])
+    near = np.flatnonzero(held < slack)
+    columns = [*slopes[near], sums, -sums, *np.eye(len(v))[fixed]]
+    forces, rest = nnls(np.stack(columns, axis=-1), slope)
+    held_by = np.zeros(len(held) + 1)
+    held_by[near], held_by[-1] = forces[: len(near)], forces[len(near)] - forces[len(near) + 1]
+    holds = held_by[:-1] > 1e-9 * np.linalg.norm(slope)
+    residual = np.asarray(rest / np.linalg.norm(slope))
+    return _Point(v, held_by, holds, fixed, residual, np.asarray(max(0.0, -float(held.min()))))
+
+
+@eqx.filter_jit
+def _all_reports(views: LightFrustum, limits: Array, points: _Point, kind: _Kind) -> JointSplits:
+    return jax.vmap(lambda view, limit, point: _report(view, limit, point, kind))(views, limits, points)
+
+
+_REFUSED = (
+    "planes and near distances have no derivative here: the search has not converged, or equally good ones lie "
+    "beside them; see the certificate, move the view a little, or differentiate another objective"
+)
+
+
+def _variables(view: LightFrustum, limit: Array, point: Any, kind: _Kind, settled: Array) -> Array:
+    """The variables, with the derivative of the stationary point that they are."""
+    start, holds, fixed = point.v, point.holds, point.fixed
+
+    def condition(z: Array) -> Array:
+        return _condition(z, view, limit, start, holds, fixed, kind)
+
+    def tangent(linear: Any, change: Array) -> Array:
+        matrix = jax.jacfwd(linear)(jnp.zeros_like(change))
+        spread = jnp.linalg.svd(matrix, compute_uv=False)
+        singular = spread[-1] <= 100 * float(jnp.finfo(change.dtype).eps) * spread[0]
+        matrix = eqx.error_if(matrix, singular | ~settled, _REFUSED)
+        return jnp.linalg.solve(matrix, change)
+
+    z = jax.lax.custom_root(condition, jnp.concatenate([start, point.forces]), lambda _, z: z, tangent)
+    return z[: start.shape[0]]
+
+
+def _report(view: LightFrustum, limit: Array, point: Any, kind: _Kind) -> JointSplits:
+    """Planes, near distances and certificate of the best variables of one view."""
+    k, section = kind.k, kind.section
+    single = view.near.dtype == jnp.float32
+    converged = (point.residual < (1e-3 if single else 1e-6)) & (point.violation <= (1e-4 if single else HELD))
+    v = _variables(view, limit, point, kind, converged)
+    log_ratios = v[:k]
+    parts = _slices(view, log_ratios)
+    distance = _distances(parts, v[k : 2 * k], kind.warp, section)
+
+    def total(each: Array) -> Array:
+        return jnp.sum(each) if kind.objective == "sum" else largest(each)
+
+    def jump(parts: LightFrustum, distance: Array) -> Array:
+        return jnp.exp(jnp.max(jnp.abs(log_jumps(parts, distance)), initial=0.0))
+
+    storage = total(storage_factor(parts, distance, section))
+    similar = _slices(view, jnp.full_like(log_ratios, 1 / k) * jnp.sum(log_ratios))
+    rule = "least_storage" if kind.warp == "free" else kind.warp
+    equal = total(storage_factor(similar, WARPS[rule](similar, section), section))
+    old = WARPS["lispsm"](similar, section)
+    published = total(storage_factor(similar, old, section))
+    biggest = jump(parts, distance)
+    seams = point.holds[8 * k :]
+    certificate = JointCertificate(
+        residual=point.residual,
+        converged=converged,
+        violation=point.violation,
+        seam_jump=biggest,
+        seam_limited=jnp.any(seams),
+        equal=equal,
+        published=published,
+        published_jump=jump(similar, old),
+        gain=published / storage,
+        starts=_num_starts(kind),
+    )
+    inner = view.near * jnp.exp(jnp.cumsum(log_ratios))
+    planes = jnp.concatenate([view.near[None], inner]).at[-1].set(view.far)
+    return JointSplits(planes, distance * planes[:-1], storage, certificate)
+
+
+__all__ = ["JOINT_WARPS", "OBJECTIVES", "JointCertificate", "JointSplits", "joint_splits", "log_jumps", "log_storages"]

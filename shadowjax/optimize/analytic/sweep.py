@@ -1,0 +1,113 @@
+"""Sweeps over γ × f/n × φ × k in one program, spread over all devices."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+
+from shadowjax._checked import Checked, checked
+from shadowjax._checks import require, require_choice, require_value
+from shadowjax._types import Array, ArrayLike, Float, as_float_array
+from shadowjax.theory.aliasing.error import max_error_x, max_error_z, storage_factor
+from shadowjax.theory.aliasing.light_frustum import SECTIONS, LightFrustum, Section
+from shadowjax.theory.aliasing.near_distances import generalised
+from shadowjax.theory.aliasing.optimal import balanced, least_storage, minimax
+
+
+class Sweep(Checked):
+    """Errors and storage at every combination; all arrays have the shape (γ, f/n, φ, k).
+
+    Attributes:
+        minimax: n' of least M_z, in units of the first slice's near distance.
+        least_storage: n' of least M_x·M_z.
+        balanced: n' of least max(M_x, M_z).
+        published: n' of eq. 42 with 44.
+        max_error_x: M_x of the minimax n'.
+        max_error_z: M_z of the minimax n'.
+        loss: M_z of the published n' over that of the minimax one, ≥ 1.
+        storage_minimax: Σ S of k equal ratios with the minimax n'.
+        storage_least: The same with the n' of least storage.
+        storage_published: The same with the published n'.
+        storage_uniform: The same with uniform maps.
+    """
+
+    minimax: Float[Array, "..."]
+    least_storage: Float[Array, "..."]
+    balanced: Float[Array, "..."]
+    published: Float[Array, "..."]
+    max_error_x: Float[Array, "..."]
+    max_error_z: Float[Array, "..."]
+    loss: Float[Array, "..."]
+    storage_minimax: Float[Array, "..."]
+    storage_least: Float[Array, "..."]
+    storage_published: Float[Array, "..."]
+    storage_uniform: Float[Array, "..."]
+
+
+def _one(gamma: Array, ratio: Array, phi: Array, k: Array, section: Section) -> Sweep:
+    """One combination: its k slices are similar, so one of them stands for all."""
+    part = LightFrustum(jnp.ones_like(ratio), ratio ** (1 / k), phi, phi, gamma)
+    best, small, old = minimax(part, section), least_storage(part, section), generalised(part)
+    error = max_error_z(part, best, section)
+
+    def total(distance: Array) -> Array:
+        return k * storage_factor(part, distance, section)
+
+    return Sweep(
+        best, small, balanced(part, section=section), old, max_error_x(part, best, section), error,
+        max_error_z(part, old, section) / error, total(best), total(small), total(old),
+        total(part.uniform_near_distance),
+    )  # fmt: skip
+
+
+@eqx.filter_jit
+def _all(points: Float[Array, "points 4"], section: Section) -> Sweep:
+    return jax.vmap(lambda p: _one(p[0], p[1], p[2], p[3], section))(points)
+
+
+@checked
+def sweep(
+    gammas: ArrayLike, ratios: ArrayLike, phis: ArrayLike, num_partitions: ArrayLike, section: str = "axis"
+) -> Sweep:
+    """Every combination of the four lists in one `vmap`, sharded over all devices.
+
+    Combinations are laid out in a row, padded to a multiple of the number of devices and split between them; each
+    device computes its part alone. The result is the same for any number of devices.
+
+    Args:
+        gammas: Angles between light and view, radians, in [0, π/2].
+        ratios: f/n, > 1.
+        phis: Half angles of view, radians, in (0, π/2).
+        num_partitions: Numbers k ≥ 1 of slices of equal ratio; need not be whole.
+        section: "axis" or "whole" vertical section, over which errors are taken.
+
+    Raises:
+        ValueError: If a list is empty or a number is out of range.
+    """
+    checked: Section = require_choice(section, "section", SECTIONS)
+    lists = [jnp.atleast_1d(as_float_array(x)) for x in (gammas, ratios, phis, num_partitions)]
+    dtype = jnp.result_type(*lists)
+    lists = [x.astype(dtype) for x in lists]
+    for values, name in zip(lists, ("gammas", "ratios", "phis", "num_partitions"), strict=True):
+        require(values.ndim == 1 and values.size > 0, f"{name} must be a list of at least one number")
+    LightFrustum.create(jnp.ones_like(lists[1]), lists[1], jnp.full_like(lists[1], 0.5))
+    LightFrustum.create(1.0, 2.0, lists[2], 0.5)
+    LightFrustum.create(1.0, 2.0, 0.5, lists[0])
+    require_value(lists[3], lists[3] >= 1, "every number of partitions k must be at least 1")
+    shape = tuple(x.size for x in lists)
+    points = jnp.stack([x.reshape(-1) for x in jnp.meshgrid(*lists, indexing="ij")], axis=-1)
+    found = _all(laid_out(points), checked)
+    return jax.tree.map(lambda x: x[: len(points)].reshape(shape), found)
+
+
+@checked
+def laid_out(rows: ArrayLike) -> Array:
+    """Rows padded with copies of the first to a multiple of the number of devices, and split between them."""
+    rows, devices = as_float_array(rows), np.asarray(jax.devices())
+    padding = jnp.broadcast_to(rows[:1], (-len(rows) % len(devices), *rows.shape[1:]))
+    layout = NamedSharding(Mesh(devices, ("rows",)), PartitionSpec("rows"))
+    return jax.device_put(jnp.concatenate([rows, padding]), layout)
+
+
+__all__ = ["Sweep", "laid_out", "sweep"]

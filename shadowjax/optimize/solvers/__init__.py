@@ -1,0 +1,1 @@
+"""Minimisers: bounded multistart search, least squares and descent on meshes."""

@@ -1,0 +1,1 @@
+"""Optimal parameters from what cameras see: bias, filters, near distances and splits."""

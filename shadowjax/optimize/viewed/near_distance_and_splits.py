@@ -1,0 +1,239 @@
+"""Near distance and planes for one scene and view: the error averaged over the pixels that the camera really sees.
+
+The error of every slice between two planes is a cubic of moments (`shadowjax.optimize.viewed.seen_pixels`), so the best
+planes come from an exhaustive search.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from shadowjax._checked import Checked, checked
+from shadowjax._checks import require, require_choice, require_int, undifferentiable
+from shadowjax._numerics import safe_divide
+from shadowjax._types import Array, Float, Scalar
+from shadowjax.optimize.viewed.seen_pixels import (
+    Chart,
+    SeenPixels,
+    chart_between,
+    mean_error,
+    moments,
+    seen_pixels,
+    total_error,
+    widest,
+)
+from shadowjax.theory.aliasing.light_frustum import LightFrustum
+from shadowjax.theory.aliasing.near_distances import generalised
+from shadowjax.theory.aliasing.roots import implicit, least
+from shadowjax.theory.aliasing.strength import least_worst_strength
+
+BENDS = 129  # bends W/(n' + W) tried before the optimum is polished
+
+
+class SeenNearDistance(Checked):
+    """The best n' of one map for a view.
+
+    Attributes:
+        near_distance: n', world units; huge for the uniform map.
+        error: Its error: the mean, or the worst pixel's m_z up to a factor.
+        published: Error of eq. 42 with 44 over the same range of depths.
+        gain: `published` over `error`.
+        slope_below: Derivative of ln(error) by the bend W/(n' + W) just below the optimum; not positive, unless the
+            uniform map is best.
+        slope_above: The same just above; not negative. Both are 0 at a smooth optimum, not at a kink, where another
+            corner of the frustum begins to bound the map's width or, for "worst", another pixel is the worst.
+        uniform: Whether the uniform map is best.
+    """
+
+    near_distance: Scalar
+    error: Scalar
+    published: Scalar
+    gain: Scalar
+    slope_below: Scalar
+    slope_above: Scalar
+    uniform: Array
+
+
+@checked
+@eqx.filter_jit
+def near_distance_for_view(pixels: SeenPixels, objective: str = "mean") -> SeenNearDistance:
+    """The n' of one map that is best for the pixels a camera sees.
+
+    Args:
+        pixels: From `seen_pixels`.
+        objective: "mean", the mean of m_x·m_z by weight. "worst", the largest weighted m_z of a pixel
+            (`shadowjax.theory.aliasing.strength`). n' carries its implicit derivative, at kinks too.
+
+    Raises:
+        ValueError: If the objective is unknown.
+    """
+    require_choice(objective, "objective", ("mean", "worst"))
+    frustum = pixels.frustum
+    chart = chart_between(pixels, frustum.near, frustum.far)
+    extent = chart.extent
+    if objective == "worst":
+        offset = jnp.clip(pixels.rise - chart.lowest, 0, extent)
+        weight = pixels.weight / pixels.depth
+
+        def log_error(bend: Array) -> Array:
+            stretch = 1 + offset * (bend / (1 - bend) / extent)
+            return _log(jnp.max(weight * stretch * stretch) * extent * (1 - bend) / (2 * pixels.half_size[1]))
+
+        bend = least_worst_strength(offset, weight, extent) * extent
+        bend = bend / (1 + bend)
+    else:
+        sums = jnp.sum(moments(pixels), axis=-1)
+        count = jnp.sum(pixels.weight)
+
+        def log_error(bend: Array) -> Array:
+            return piece(bend, None)
+
+        def piece(bend: Array, sides: Any) -> Array:
+            return _log(safe_divide(total_error(sums, chart, bend / (1 - bend) / extent, sides), count))
+
+        bend = _least(piece, lambda bend: widest(chart, bend / (1 - bend) / extent), extent.dtype)
+    distance = extent * (1 - bend) / jnp.maximum(bend, float(jnp.finfo(extent.dtype).eps) / 4)
+    error = jnp.exp(log_error(bend))
+    published = generalised(frustum)
+    before = jnp.exp(log_error(extent / (extent + published)))
+    below, above = (_slope(log_error, bend, side) for side in (-1, 1))
+    return SeenNearDistance(distance, error, before, before / error, below, above, bend <= 1e-9)
+
+
+def _log(value: Array) -> Array:
+    """Logarithm; that of a tiny number where nothing is seen, so no error either."""
+    return jnp.log(jnp.maximum(value, float(jnp.finfo(value.dtype).tiny) ** 0.5))
+
+
+def _slope(function: Any, place: Array, side: int) -> Array:
+    """Derivative just beside a place."""
+    beside = jnp.clip(place + side * float(jnp.finfo(place.dtype).eps) ** 0.5, 0.0, 1 - 1e-6)
+    return jax.jvp(function, (beside,), (jnp.ones_like(beside),))[1]
+
+
+def _least(piece: Any, active: Any, dtype: Any) -> Array:
+    """Bend of least value in [0, 1): the best of a grid, polished between its neighbours."""
+    grid = jnp.linspace(0, 1 - 1 / BENDS, BENDS, dtype=dtype)
+    index = jnp.argmin(jax.lax.stop_gradient(jax.vmap(lambda bend: piece(bend, None))(grid)))
+    start, width = grid[index], grid[1] - grid[0]
+    ends = jnp.maximum(start - width, 0.0), jnp.minimum(start + width, 1 - 0.01 / BENDS)
+    rounding = 100 * float(jnp.finfo(dtype).eps)
+    found = least(piece, active, *ends, lambda bend, sides: rounding + 0 * bend)
+    # Between neighbours there may be two valleys; then the grid's point stands, and has no derivative to give.
+    better = piece(found, None) <= piece(start, None) + rounding
+    return jnp.where(better, found, implicit(lambda bend: 0 * bend, start))
+
+
+class SeenSplits(Checked):
+    """The best planes of k maps for a view.
+
+    Attributes:
+        splits: k + 1 planes, world units, from the nearest to the farthest depth that is seen.
+        near_distances: n' of every slice, world units.
+        error: Mean pixels a texel covers, over all seen pixels, with k maps of one resolution.
+        published: The same for equal ratios (eq. 50) with n' of eq. 42 and 44.
+        gain: `published` over `error`.
+        coarser: Error of the best planes on half as many candidates over `error`, less 1: what the grid may still cost.
+    """
+
+    splits: Float[Array, "planes"]
+    near_distances: Float[Array, "slices"]
+    error: Scalar
+    published: Scalar
+    gain: Scalar
+    coarser: Scalar
+
+
+@checked
+@eqx.filter_jit
+def splits_for_view(pixels: SeenPixels, num_partitions: int, num_bins: int = 64) -> SeenSplits:
+    """The planes and n' of k slices that are best for the pixels a camera sees, by exhaustive search over a grid.
+
+    Every pair of candidate planes, equal in ln z, is a slice with its best n'; the best chain of k slices is found by
+    dynamic programming, so nothing on the grid is better. A slice counts by its pixels: empty depths cost nothing.
+
+    Args:
+        pixels: From `seen_pixels`.
+        num_partitions: k ≥ 1.
+        num_bins: Intervals between candidate planes, even and at least 2k.
+
+    Planes are points of a grid, chosen by exhaustion: a choice has no derivative, so none is given.
+
+    Raises:
+        ValueError: If a number is out of range, or the result is differentiated.
+    """
+    pixels = undifferentiable(
+        pixels,
+        "splits_for_view chooses planes among candidates, which has no derivative; differentiate the error of given "
+        "planes instead: seen_pixels.total_error",
+    )
+    k = require_int(num_partitions, "the number of partitions k", 1)
+    bins = require_int(num_bins, "num_bins", 2 * k)
+    require(bins % 2 == 0, f"num_bins must be even; got {bins}")
+    view = pixels.frustum
+    dtype = view.near.dtype
+    span = jnp.log(view.far / view.near)
+    edges = view.near * jnp.exp(span * jnp.arange(bins + 1, dtype=dtype) / bins)
+    edges = edges.at[-1].set(view.far)
+    index = jnp.clip((jnp.log(pixels.depth / view.near) / span * bins).astype(jnp.int32), 0, bins - 1)
+    each = jnp.zeros((4, bins), dtype).at[:, index].add(moments(pixels))
+    running = jnp.concatenate([jnp.zeros((4, 1), dtype), jnp.cumsum(each, axis=-1)], axis=-1)
+    first, last = jnp.triu_indices(bins + 1, 1)
+    costs, bends = _slice_costs(running[:, last] - running[:, first], chart_between(pixels, edges[first], edges[last]))
+    table = jnp.full((bins + 1, bins + 1), jnp.inf, dtype).at[first, last].set(costs)
+    count = jnp.sum(pixels.weight)
+    chain, total = _best_chain(table, k)
+    _, coarse = _best_chain(table[::2, ::2], k)
+    planes = edges[chain]
+    extent = chart_between(pixels, planes[:-1], planes[1:]).extent
+    bend = jnp.zeros((bins + 1, bins + 1), dtype).at[first, last].set(bends)[chain[:-1], chain[1:]]
+    distances = extent * (1 - bend) / jnp.maximum(bend, float(jnp.finfo(dtype).eps) / 4)
+    equal = view.near * jnp.exp(span * jnp.arange(k + 1, dtype=dtype) / k)
+    equal = equal.at[-1].set(view.far)
+    one = jnp.ones(k, dtype)
+    usual = LightFrustum(equal[:-1], equal[1:], one * view.phi_y, one * view.phi_x, one * view.gamma)
+    place = jnp.clip((jnp.log(pixels.depth / view.near) / span * k).astype(jnp.int32), 0, k - 1)
+    sums = jnp.zeros((4, k), dtype).at[:, place].add(moments(pixels))
+    published = jnp.sum(total_error(sums, chart_between(pixels, equal[:-1], equal[1:]), 1 / generalised(usual)))
+    return SeenSplits(
+        planes, distances, safe_divide(total, count), safe_divide(published, count), safe_divide(published, total),
+        safe_divide(coarse, total) - 1,
+    )  # fmt: skip
+
+
+def _slice_costs(sums: Float[Array, "4 slices"], charts: Chart) -> tuple[Array, Array]:
+    """Least Σ w·m of every slice over the bends, and the bend: a grid, refined twice around its best."""
+
+    def cost(bend: Array) -> Array:
+        return total_error(sums, charts, bend / (1 - bend) / charts.extent)
+
+    low, width = jnp.zeros_like(charts.extent), 1.0
+    best = low
+    for num in (33, 17, 17, 17):
+        step = width * (1 - 1e-6) / (num - 1)
+        trials = low + step * jnp.arange(num, dtype=low.dtype)[:, None]
+        best = jnp.take_along_axis(trials, jnp.argmin(jax.lax.map(cost, trials), axis=0)[None], axis=0)[0]
+        low, width = jnp.clip(best - step, 0.0, 1 - 2 * step), 2 * step
+    return cost(best), best
+
+
+def _best_chain(table: Float[Array, "planes planes"], k: int) -> tuple[Array, Scalar]:
+    """Indices of the k + 1 planes from first to last of least summed cost, and that sum."""
+    reached, parents = table[0], []
+    for _ in range(k - 1):
+        through = reached[:, None] + table
+        parents.append(jnp.argmin(through, axis=0))
+        reached = jnp.min(through, axis=0)
+    chain = [jnp.asarray(table.shape[0] - 1)]
+    for parent in reversed(parents):
+        chain.append(parent[chain[-1]])
+    chain.append(jnp.zeros_like(chain[0]))
+    return jnp.stack(chain[::-1]), reached[-1]
+
+
+__all__ = [
+    "SeenNearDistance", "SeenPixels", "SeenSplits", "mean_error", "near_distance_for_view", "seen_pixels",
+    "splits_for_view",
+]  # fmt: skip

@@ -1,0 +1,1 @@
+"""Adaptive shadow maps: tiles refined where the view needs them."""

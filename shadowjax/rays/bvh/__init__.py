@@ -1,0 +1,1 @@
+"""The caster for any rays: a bounding volume hierarchy."""

@@ -1,0 +1,1 @@
+"""Pictures and maps whose gradient follows moving silhouette edges."""

@@ -1,0 +1,1 @@
+"""Shadow techniques: each is built for a mesh, a light and a camera, then gives visibility."""

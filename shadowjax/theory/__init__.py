@@ -1,0 +1,1 @@
+"""Formulas of the field: numbers in, numbers out; no mesh, no ray."""

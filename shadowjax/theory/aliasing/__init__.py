@@ -1,0 +1,1 @@
+"""Perspective aliasing error of warped shadow maps, and the parameters that minimise it."""
