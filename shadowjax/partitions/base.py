@@ -14,9 +14,7 @@ from shadowjax.rays.ray_grid import RayGrid
 class Partition(Checked):
     """Splits what a light must cover into regions, each with a shadow map of its own."""
 
-    _remedy_: ClassVar = (
-        "make_partition(name) makes one; or give SingleMap(), Cascades(4), FacePartition() or CubeMap()"
-    )
+    _remedy_: ClassVar = "make_partition(name) makes one; or SingleMap(), Cascades(4), FacePartition(), CubeMap()"
 
     def fit(self, mesh: Mesh, light: Light, camera: Camera) -> "Partition":
         """This partition with what it reads off the scene and the view fixed; itself where there is nothing to fix.

@@ -156,7 +156,7 @@ def examples(folder: Path) -> dict[str, tuple[Callable[..., Any], Mapping[str, A
         "bilinear_percentage_closer": {"planes": planes, "lookup": p["lookup"], "kernel_size": 1},
         "build_shadow_map": {"caster": sj.BruteForceCaster(), "mesh": p["mesh"], "grid": p["grid"], "layer": "first"},
         "camera_grid": {"camera": p["camera"], "width": 4, "height": 3},
-        "cast": {"tree": p["mesh"], "dtype": jnp.float32},
+        "astype": {"tree": p["mesh"], "dtype": jnp.float32},
         "composite_attenuation": {
             "stored_depths": jnp.ones((3, 2)), "receiver_depth": jnp.ones(2), "bias": jnp.zeros(2),
         },
