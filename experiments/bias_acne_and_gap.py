@@ -26,7 +26,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
-from shadowjax.warps.light_frustum import LightFrustum
 
 from experiments.base import Claim
 from experiments.claiming import agrees
@@ -39,6 +38,7 @@ from shadowjax.partitions.single import SingleMap
 from shadowjax.plotting import MARKERS, PALETTE, label, new_figure, styled
 from shadowjax.rays.brute import BruteForceCaster
 from shadowjax.techniques.shadow_mapping import MappedShadows
+from shadowjax.theory.aliasing.light_frustum import LightFrustum
 from shadowjax.warps.fit import PerspectiveFit
 
 HALF = 4.0  # half the extent of the ground, world units

@@ -10,7 +10,7 @@ from shadowjax._checked import Checked, checked
 from shadowjax._checks import require_choice, require_finite
 from shadowjax._numerics import dot, norm
 from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, as_float_array
-from shadowjax.rays.light_space import DirectionalSpace
+from shadowjax.geometry.light_space import DirectionalSpace
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 

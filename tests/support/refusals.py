@@ -22,7 +22,7 @@ SLOW = (
     "composite_attenuation", "Exact().build", "ShadowMapping().build", "make_scene", "mesh_edges",
 )  # fmt: skip
 # Any tree can be given a dtype; a class that cannot be called with a depth is a function all the same.
-GOOD_AFTER_ALL = {("cast", "tree"), ("coverage_planes", "encode")}
+GOOD_AFTER_ALL = {("astype", "tree"), ("coverage_planes", "encode")}
 
 
 def of_signatures() -> dict[str, Any]:
