@@ -17,8 +17,8 @@ from shadowjax.rays.brute import BruteForceCaster
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.ray import Rays
 from shadowjax.rays.ray_grid import RayGrid
-from shadowjax.silhouettes.cells import Crossings, blend, crossings, room
-from shadowjax.silhouettes.pieces import Pieces, settle
+from shadowjax.silhouettes._cells import Crossings, blend, crossings, room
+from shadowjax.silhouettes._pieces import Pieces, settle
 
 Encode = Callable[[Array], Array]
 

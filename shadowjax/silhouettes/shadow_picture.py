@@ -17,9 +17,9 @@ from shadowjax.rays.brute import BruteForceCaster
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
-from shadowjax.silhouettes.cells import blend
+from shadowjax.silhouettes._cells import blend
+from shadowjax.silhouettes._search import Borders, fallen_ends, find_borders, on_edge, space_of
 from shadowjax.silhouettes.coverage import segments_on
-from shadowjax.silhouettes.search import Borders, fallen_ends, find_borders, on_edge, space_of
 
 
 class Receiver(Checked):

@@ -9,7 +9,7 @@ from jax import lax
 from shadowjax._checked import checked
 from shadowjax._numerics import one_by_one, rotate
 from shadowjax._types import Array, Bool, Float, Int, UInt
-from shadowjax.rays.grid.tiles import HALF, ROWS, SMALL, Index, from_tiles, line, number, to_tiles
+from shadowjax.rays.grid._tiles import HALF, ROWS, SMALL, Index, from_tiles, line, number, to_tiles
 from shadowjax.volumes.regions import Regions, count_regions, weighted_first
 
 # How much wider than computed an outline is taken, relative to its distance from the image's middle.

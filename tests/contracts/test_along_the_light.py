@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from shadowjax import TECHNIQUES, Camera, DirectionalLight, Material, Mesh, make_technique, shade, trace_surface
-from shadowjax.geometry.scenes.base import to_mesh
-from shadowjax.geometry.scenes.primitives import box
 from shadowjax.rays.grid import Grid
+from shadowjax.scenes.base import to_mesh
+from shadowjax.scenes.primitives import box
 from shadowjax.shading import valid_receivers, visibility_on
 
 SHINY = Material(specular=0.9, shininess=2.0)  # a highlight wide enough to be seen from anywhere

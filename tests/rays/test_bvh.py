@@ -13,7 +13,7 @@ from shapes import bumpy_sphere, plate_over_plane, random_soup
 from shadowjax import BruteForceCaster, Mesh, Rays
 from shadowjax.geometry.light_space import OctahedralSpace
 from shadowjax.rays.bvh import caster as caster_module
-from shadowjax.rays.bvh.build import LEAF_SIZE, build_topology
+from shadowjax.rays.bvh._build import LEAF_SIZE, build_topology
 from shadowjax.rays.bvh.caster import _TREES, BvhCaster
 from shadowjax.rays.grid.caster import GridCaster
 from shadowjax.rays.plane_map import Box

@@ -9,11 +9,11 @@ from grids import COLS, ROWS, brute, fast, jitted_fast, padded, views
 from shapes import random_soup
 
 from shadowjax import Mesh
+from shadowjax.rays.grid._pairs import search_pairs
+from shadowjax.rays.grid._plane import depth_tangent
+from shadowjax.rays.grid._project import depth_of_key, place, view
+from shadowjax.rays.grid._store import unpack, words
 from shadowjax.rays.grid.caster import GridCaster
-from shadowjax.rays.grid.pairs import search_pairs
-from shadowjax.rays.grid.plane import depth_tangent
-from shadowjax.rays.grid.project import depth_of_key, place, view
-from shadowjax.rays.grid.store import unpack, words
 from shadowjax.rays.ray import intersect
 
 SOUP = 61

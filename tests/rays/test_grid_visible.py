@@ -10,7 +10,7 @@ from shapes import plate_over_plane, random_soup
 
 from shadowjax import BruteForceCaster, Mesh, shading, visibility_on
 from shadowjax.geometry.light_space import DirectionalSpace, OctahedralSpace, PerspectiveSpace
-from shadowjax.rays.grid import visible, visible_pairs
+from shadowjax.rays.grid import _visible, _visible_pairs
 from shadowjax.rays.grid.caster import GridCaster
 from shadowjax.shading import Surface
 from shadowjax.techniques.exact import ExactShadows
@@ -188,8 +188,8 @@ def test_points_in_chunks_get_the_same_answers(monkeypatch):
     space = spaces(dtype)["directional"]
     whole = np.asarray(jitted_grid(mesh, space, points, normals))
     # Two chunks of two parts; the last is not full.
-    monkeypatch.setattr(visible, "POINTS", 150)
-    monkeypatch.setattr(visible, "POINTS_PER_TRIANGLE", 0)
+    monkeypatch.setattr(_visible, "POINTS", 150)
+    monkeypatch.setattr(_visible, "POINTS_PER_TRIANGLE", 0)
     assert 3 * 150 < ROWS * COLS < 4 * 150
     chunked = eqx.filter_jit(lambda *given: GridCaster().visible(*given))(mesh, space, points, normals)
     np.testing.assert_array_equal(chunked, whole)
@@ -201,9 +201,9 @@ def test_pairs_for_an_accelerator_get_the_same_answers(monkeypatch, name, dtype)
     mesh, space = padded(random_soup(SOUP, 3, dtype)), spaces(dtype)[name]
     points, normals = surface(mesh)
     for bound, value in (("CHUNK", 150), ("RUNS", 64), ("WINDOW", 256)):
-        monkeypatch.setattr(visible_pairs, bound, value)
+        monkeypatch.setattr(_visible_pairs, bound, value)
     by_loops = np.asarray(jitted_grid(mesh, space, points, normals))
-    monkeypatch.setattr(visible, "_blocked", visible_pairs.blocked_by_pairs)
+    monkeypatch.setattr(_visible, "_blocked", visible_pairs.blocked_by_pairs)
     by_pairs = np.asarray(eqx.filter_jit(lambda *given: GridCaster().visible(*given))(mesh, space, points, normals))
     assert 0.2 < by_loops.mean() < 0.8
     # Slopes of keys are set up in another order of operations.

@@ -12,8 +12,8 @@ from shadowjax import Mesh, Rays
 from shadowjax._types import Array, Bool
 from shadowjax.geometry.light_space import OctahedralSpace
 from shadowjax.rays.caster import Caster
+from shadowjax.rays.grid._pairs import search_pairs
 from shadowjax.rays.grid.caster import GridCaster
-from shadowjax.rays.grid.pairs import search_pairs
 from shadowjax.rays.layers import second_layer
 from shadowjax.rays.ray import Hit
 from shadowjax.rays.ray_grid import RayGrid
@@ -116,7 +116,7 @@ def test_layers_are_the_sorted_hits(case, monkeypatch):
     if peel is peel_by_pairs:
         monkeypatch.setattr("shadowjax.rays.grid.caster.search_tiles", search_pairs)
         # Several windows, the last one with room left.
-        monkeypatch.setattr("shadowjax.rays.grid.pairs.WINDOW", 1 << 12)
+        monkeypatch.setattr("shadowjax.rays.grid._pairs.WINDOW", 1 << 12)
     grid = views(dtype)[name]
     far = float(grid.far)
     # Half the gap on either side tells a hit that was met from one that follows.

@@ -23,8 +23,8 @@ from shadowjax import BruteForceCaster, Mesh, Rays
 from shadowjax.geometry.light_space import DirectionalSpace, PerspectiveSpace, farthest
 from shadowjax.rays.bvh.caster import BvhCaster
 from shadowjax.rays.caster import shadow_rays
+from shadowjax.rays.grid._project import NEAREST
 from shadowjax.rays.grid.caster import GridCaster
-from shadowjax.rays.grid.project import NEAREST
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 

@@ -10,9 +10,9 @@ from shadowjax import DirectionalLight, Mesh, RayGrid, astype, coverage_planes, 
 from shadowjax._numerics import normalize
 from shadowjax.geometry.light_space import OctahedralSpace, light_space
 from shadowjax.rays.plane_map import Box
-from shadowjax.silhouettes.cells import BESIDE
+from shadowjax.silhouettes._cells import BESIDE
+from shadowjax.silhouettes._pieces import INSET
 from shadowjax.silhouettes.coverage import edge_ends, powers
-from shadowjax.silhouettes.pieces import INSET
 
 SIZE = 16
 UP, U, V = (jnp.asarray(axis) for axis in ([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]))

@@ -11,9 +11,9 @@ from shadowjax import BruteForceCaster, Camera, Mesh, PointLight, astype, camera
 from shadowjax.scenes.closed_forms import area, project
 from shadowjax.scenes.plate_over_plane import PlateOverPlane
 from shadowjax.scenes.shadow_moments import sphere_shadow_moments
-from shadowjax.silhouettes.cells import BESIDE
+from shadowjax.silhouettes._cells import BESIDE
+from shadowjax.silhouettes._pieces import INSET
 from shadowjax.silhouettes.coverage import pairs_of
-from shadowjax.silhouettes.pieces import INSET
 
 FULL = jnp.ones((RESOLUTION, RESOLUTION))
 

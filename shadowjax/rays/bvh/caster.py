@@ -14,8 +14,8 @@ from shadowjax._checks import concrete, require, require_memory
 from shadowjax._numerics import one_by_one
 from shadowjax._types import Array, Bool, Float, Int
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays.bvh.build import NUM_OCTANTS, Topology, build_topology
-from shadowjax.rays.bvh.search import Fitted, Links, fit, search
+from shadowjax.rays.bvh._build import NUM_OCTANTS, Topology, build_topology
+from shadowjax.rays.bvh._search import Fitted, Links, fit, search
 from shadowjax.rays.caster import Caster, search_in_chunks
 from shadowjax.rays.ray import Hit, Rays, intersect
 

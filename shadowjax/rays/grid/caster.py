@@ -16,11 +16,11 @@ from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.brute import BruteForceCaster
 from shadowjax.rays.bvh.caster import BvhCaster
 from shadowjax.rays.caster import Caster, checked_start
-from shadowjax.rays.grid.pairs import search_pairs
-from shadowjax.rays.grid.plane import depth_tangent
-from shadowjax.rays.grid.project import depth_of_key, is_projective, key_of_depth, place, view
-from shadowjax.rays.grid.tiles import search_tiles
-from shadowjax.rays.grid.visible import lit
+from shadowjax.rays.grid._pairs import search_pairs
+from shadowjax.rays.grid._plane import depth_tangent
+from shadowjax.rays.grid._project import depth_of_key, is_projective, key_of_depth, place, view
+from shadowjax.rays.grid._tiles import search_tiles
+from shadowjax.rays.grid._visible import lit
 from shadowjax.rays.ray import MISS, Hit, Rays, faces_in_order, intersect
 from shadowjax.rays.ray_grid import RayGrid
 

@@ -6,10 +6,10 @@ from jax import lax
 from shadowjax._types import Array, Bool, Float, Int
 from shadowjax.geometry.light_space import LightSpace
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays.grid.general import LEAST_KEY
-from shadowjax.rays.grid.pairs import CHUNK, WINDOW, owners, set_up_chunk
-from shadowjax.rays.grid.project import place
-from shadowjax.rays.grid.shadow_queries import (
+from shadowjax.rays.grid._general import LEAST_KEY
+from shadowjax.rays.grid._pairs import CHUNK, WINDOW, owners, set_up_chunk
+from shadowjax.rays.grid._project import place
+from shadowjax.rays.grid._shadow_queries import (
     LANES,
     SPAN,
     ShadowQueries,
@@ -20,7 +20,7 @@ from shadowjax.rays.grid.shadow_queries import (
     touching,
     widened,
 )
-from shadowjax.rays.grid.tiles import general_test
+from shadowjax.rays.grid._tiles import general_test
 from shadowjax.rays.ray_grid import RayGrid
 
 # Runs of lines that are counted together. A run is what one row of cells holds of a triangle's box.
@@ -32,7 +32,7 @@ def blocked_by_pairs(
 ) -> Bool[Array, "parts points"]:
     """Whether a triangle meets the ray of each point before its limit; never for points that do not count.
 
-    As the loops of `_grid_visible`, without loops over points or triangles. Points are sorted by their cells into lines
+    As the loops of `_visible`, without loops over points or triangles. Points are sorted by their cells into lines
     of `LANES`. Every triangle takes the general test, with the lines of the cells that its box touches. The runs of a
     chunk of triangles are counted, then the pairs of triangle and line of a window of runs, and windows follow until
     all are done, so nothing can overflow.

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from shadowjax._types import Array, Bool, Float, Int, UInt
-from shadowjax.rays.grid.project import miss_key
+from shadowjax.rays.grid._project import miss_key
 
 # The least key alone; or one 64-bit word, key above face; or, for 64-bit keys, key and face.
 Buffers = tuple[Array, ...]

@@ -6,7 +6,7 @@ from jax import lax
 
 from shadowjax._types import Array, Float, Int
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays.bvh.build import LEAF_SIZE
+from shadowjax.rays.bvh._build import LEAF_SIZE
 from shadowjax.rays.ray import MISS, Rays, corners_in_order, depth_rounding, edge_test, orthonormal_frame
 
 # How far boxes are widened, in roundings of the largest offset between a ray's origin and the scene. The edge rule sees

@@ -11,8 +11,8 @@ from shadowjax._numerics import map_in_chunks
 from shadowjax._types import Array, Bool, Float, Points, UInt
 from shadowjax.geometry.light_space import DirectionalSpace, LightSpace
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays.grid.project import Vertices, place
-from shadowjax.rays.grid.shadow_queries import (
+from shadowjax.rays.grid._project import Vertices, place
+from shadowjax.rays.grid._shadow_queries import (
     LANES,
     SAMPLES,
     SPAN,
@@ -25,7 +25,7 @@ from shadowjax.rays.grid.shadow_queries import (
     touching,
     widened,
 )
-from shadowjax.rays.grid.tiles import (
+from shadowjax.rays.grid._tiles import (
     CHUNK,
     HALF,
     SET_UP,
@@ -41,7 +41,7 @@ from shadowjax.rays.grid.tiles import (
     put,
     set_up,
 )
-from shadowjax.rays.grid.visible_pairs import blocked_by_pairs
+from shadowjax.rays.grid._visible_pairs import blocked_by_pairs
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 

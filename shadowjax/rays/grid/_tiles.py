@@ -9,9 +9,9 @@ from jax import lax
 from shadowjax._checks import require
 from shadowjax._types import Array, Bool, Float, Int, UInt
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays.grid.general import generalise, key_rounding
-from shadowjax.rays.grid.project import FIRST_COL, FIRST_ROW, LAST_COL, LAST_ROW, Vertices, View, general_mark
-from shadowjax.rays.grid.store import Buffers, finish, merge, packs, start
+from shadowjax.rays.grid._general import generalise, key_rounding
+from shadowjax.rays.grid._project import FIRST_COL, FIRST_ROW, LAST_COL, LAST_ROW, Vertices, View, general_mark
+from shadowjax.rays.grid._store import Buffers, finish, merge, packs, start
 from shadowjax.rays.ray_grid import RayGrid
 
 # XLA compiles a loop to one piece of machine code while an iteration touches less than about 1 kB; beyond that it

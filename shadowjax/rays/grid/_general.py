@@ -7,7 +7,7 @@ from jax import lax
 
 from shadowjax._types import Array, Float, Int, Scalar, UInt
 from shadowjax.geometry.light_space import DirectionalSpace
-from shadowjax.rays.grid.project import Vertices, View, miss_key, project
+from shadowjax.rays.grid._project import Vertices, View, miss_key, project
 from shadowjax.rays.ray import TRIANGLE_ROUNDINGS
 from shadowjax.rays.ray_grid import RayGrid
 

@@ -9,8 +9,8 @@ from shadowjax._numerics import FACING_ROUNDINGS
 from shadowjax._types import Array, Bool, Float, UInt
 from shadowjax.geometry.light_space import LEAST_FORWARD, DirectionalSpace, LightSpace, PerspectiveSpace
 from shadowjax.rays.caster import RECEIVER_ROUNDINGS
-from shadowjax.rays.grid.project import View, coordinates, miss_key, view
-from shadowjax.rays.grid.tiles import more
+from shadowjax.rays.grid._project import View, coordinates, miss_key, view
+from shadowjax.rays.grid._tiles import more
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 

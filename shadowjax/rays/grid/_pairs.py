@@ -5,10 +5,10 @@ from jax import lax
 
 from shadowjax._types import Array, Bool, Float, Int
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays.grid.general import General, generalise
-from shadowjax.rays.grid.project import Vertices, View, miss_key
-from shadowjax.rays.grid.store import Buffers, finish, start, words
-from shadowjax.rays.grid.tiles import ROWS, SMALL, from_tiles, general_test, tiles_of, to_tiles
+from shadowjax.rays.grid._general import General, generalise
+from shadowjax.rays.grid._project import Vertices, View, miss_key
+from shadowjax.rays.grid._store import Buffers, finish, start, words
+from shadowjax.rays.grid._tiles import ROWS, SMALL, from_tiles, general_test, tiles_of, to_tiles
 from shadowjax.rays.ray_grid import RayGrid
 
 # Triangles set up together, and pairs tested together: enough to fill an accelerator, few enough to bound memory.

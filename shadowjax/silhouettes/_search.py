@@ -17,7 +17,8 @@ from shadowjax.geometry.outlines import MeshEdges, free_side, outline
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.ray import Hit, Rays, surface_points
 from shadowjax.rays.ray_grid import RayGrid
-from shadowjax.silhouettes.cells import map_present, room, spread
+from shadowjax.silhouettes._cells import map_present, room, spread
+from shadowjax.silhouettes._pieces import Pieces, settle
 from shadowjax.silhouettes.coverage import (
     CHUNK,
     default_room,
@@ -27,7 +28,6 @@ from shadowjax.silhouettes.coverage import (
     segments_on,
     towards_source,
 )
-from shadowjax.silhouettes.pieces import Pieces, settle
 
 # Pieces of a shadow's edge for each cell of the view, if the view shows just the scene.
 PIECES = 1.0

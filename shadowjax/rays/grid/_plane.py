@@ -8,7 +8,7 @@ from shadowjax._numerics import safe_divide
 from shadowjax._types import Array, Float, Int
 from shadowjax.geometry.light_space import DirectionalSpace
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays.grid.project import View, project
+from shadowjax.rays.grid._project import View, project
 from shadowjax.rays.ray_grid import RayGrid
 
 

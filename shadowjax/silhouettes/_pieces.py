@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from shadowjax._types import Array, Float, Int
-from shadowjax.silhouettes.cells import BESIDE, Crossings, map_present, places_beside
+from shadowjax.silhouettes._cells import BESIDE, Crossings, map_present, places_beside
 
 # Parts of a piece that are looked at apart: a part that changes and changes back is not noticed.
 PARTS = 3
