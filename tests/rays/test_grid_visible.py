@@ -203,7 +203,7 @@ def test_pairs_for_an_accelerator_get_the_same_answers(monkeypatch, name, dtype)
     for bound, value in (("CHUNK", 150), ("RUNS", 64), ("WINDOW", 256)):
         monkeypatch.setattr(_visible_pairs, bound, value)
     by_loops = np.asarray(jitted_grid(mesh, space, points, normals))
-    monkeypatch.setattr(_visible, "_blocked", visible_pairs.blocked_by_pairs)
+    monkeypatch.setattr(_visible, "_blocked", _visible_pairs.blocked_by_pairs)
     by_pairs = np.asarray(eqx.filter_jit(lambda *given: GridCaster().visible(*given))(mesh, space, points, normals))
     assert 0.2 < by_loops.mean() < 0.8
     # Slopes of keys are set up in another order of operations.

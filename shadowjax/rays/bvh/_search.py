@@ -20,7 +20,7 @@ NUM_COLUMNS = 18
 
 
 class Links(eqx.Module):
-    """The tree without coordinates, see `_tree_build.Topology`."""
+    """The tree without coordinates, see `_build.Topology`."""
 
     order: Int[Array, "faces"]
     first: Int[Array, "nodes_1"]

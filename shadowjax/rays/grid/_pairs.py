@@ -19,7 +19,7 @@ WINDOW = 1 << 17
 def search_pairs(
     grid: RayGrid, table: View, mesh: Mesh, vertices: Vertices, with_face: bool, floor: Array | None = None
 ) -> tuple[Array, Array | None]:
-    """As `_grid_tiles.search_tiles`, without loops over triangles.
+    """As `_tiles.search_tiles`, without loops over triangles.
 
     Every triangle takes the general test. A chunk's pairs are counted, and windows of a fixed number of pairs are
     worked on until all are done, so nothing can overflow. Depth agrees with the other search to a few roundings, ties
