@@ -79,7 +79,7 @@ class Stage:
         camera: Camera | None = None,
         filled: tuple[int, int] | None = None,
     ) -> None:
-        made = scenes.make(scene, num_triangles, dtype=jnp.float32)
+        made = scenes.make_scene(scene, num_triangles, dtype=jnp.float32)
         if filled is not None:
             made = eqx.tree_at(lambda one: one.mesh, made, filled_up(made.mesh, *filled))
         self.scene = made if camera is None else eqx.tree_at(lambda one: one.camera, made, camera)

@@ -30,7 +30,7 @@ from experiments.base import Claim
 from experiments.claiming import all_true
 from shadowjax._checks import require, require_int
 from shadowjax.plotting import PALETTE, label, new_figure, styled
-from shadowjax.scenes import SCENES, make
+from shadowjax.scenes import SCENES, make_scene
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ def run(config: Config) -> Result:
 
 def on_scenes(config: Config) -> dict[str, Compared]:
     """Both kinds of map on every other scene; meshes are filled up to one size."""
-    meshes = [make(name).mesh for name in config.other_scenes]
+    meshes = [make_scene(name).mesh for name in config.other_scenes]
     filled = (
         max((mesh.vertices.shape[0] for mesh in meshes), default=0),
         max((mesh.faces.shape[0] for mesh in meshes), default=0),

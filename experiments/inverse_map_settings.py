@@ -123,7 +123,7 @@ def run(config: Config) -> Result:
 
 def _expected(config: Config, name: str, seed: int) -> ExpectedError:
     """A scene under a random sun that stands 30 to 60 degrees high and not before the camera's own direction."""
-    scene = scenes.make(name, dtype=jnp.float64)
+    scene = scenes.make_scene(name, dtype=jnp.float64)
     rng = np.random.default_rng([seed, len(name)])
     height, turn = np.radians(rng.uniform(30, 60)), rng.uniform(-np.pi, np.pi)
     direction = [np.cos(height) * np.cos(turn), -np.sin(height), np.cos(height) * np.sin(turn)]

@@ -54,7 +54,7 @@ class Stage:
     """A scene, its depth map, and the views and filters asked for; the map is cast once."""
 
     def __init__(self, name: str, num_triangles: int, resolution: int):
-        scene = scenes.make(name, num_triangles, jnp.float32)
+        scene = scenes.make_scene(name, num_triangles, jnp.float32)
         self.mesh, self.camera, self.light = scene.mesh, scene.camera, scene.lights[0]
         self.caster = default_caster()
         self.smooth = smooth_corner_groups(scene.mesh)

@@ -146,7 +146,7 @@ def _finer(grid: RayGrid) -> RayGrid:
 @in_double
 def run(config: Config) -> Result:
     """Trace the camera's rays once, then measure every map."""
-    scene = scenes.make(config.scene, config.num_triangles, jnp.float64)
+    scene = scenes.make_scene(config.scene, config.num_triangles, jnp.float64)
     mesh, camera, gamma = scene.mesh, scene.camera, math.radians(config.gamma_deg)
     direction = math.cos(gamma) * camera.forward - math.sin(gamma) * camera.up
     light = DirectionalLight.create(direction, dtype=jnp.float64)

@@ -70,6 +70,9 @@ class PublicNames(SphinxDirective):
         lines = []
         for name in package.__all__:
             value = getattr(package, name)
+            if inspect.ismodule(value):
+                lines.append(f"- :py:mod:`{name} <{value.__name__}>`: {first_line(value.__doc__)}")
+                continue
             home = getattr(value, "__module__", "")
             if inspect.isclass(value) or inspect.isfunction(inspect.unwrap(value)):
                 real = getattr(value, "__name__", name)

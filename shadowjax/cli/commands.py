@@ -144,7 +144,7 @@ def compare(chosen: options.Compare) -> int:
 
     names = tuple(chosen.techniques or TECHNIQUES)
     if chosen.presets:
-        from shadowjax.presets import PRESETS
+        from shadowjax.presets.registry import PRESETS
 
         names += tuple(name for preset in PRESETS if (name := f"preset:{preset}") not in names)
     if chosen.pareto is not None:
@@ -210,7 +210,7 @@ def verify(chosen: options.Verify) -> int:
 
 def presets(chosen: options.Presets) -> int:
     """List the presets, or show one."""
-    from shadowjax.presets import PRESETS, preset
+    from shadowjax.presets.registry import PRESETS, preset
 
     if chosen.name is not None:
         one = preset(chosen.name)
@@ -234,7 +234,7 @@ def presets(chosen: options.Presets) -> int:
 
 def scenes(chosen: options.Scenes) -> int:
     """List the scenes."""
-    from shadowjax.scenes import SCENES
+    from shadowjax.scenes.registry import SCENES
 
     names = ("name", "description", "source", "default_triangles", "min_triangles", "max_triangles")
     if _write_json(chosen.json, [{name: getattr(family, name) for name in names} for family in SCENES.values()]):

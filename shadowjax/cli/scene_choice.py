@@ -8,7 +8,8 @@ from shadowjax._checks import require, require_memory
 from shadowjax._printable import printable
 from shadowjax.cli.options import PictureOptions, SceneOptions
 from shadowjax.geometry.mesh_files import load
-from shadowjax.scenes import Scene, staging
+from shadowjax.scenes import staging
+from shadowjax.scenes.base import Scene
 
 # By `command time -v shadowjax render plate-over-plane --technique hard`: the resident memory grows by 246 bytes a ray
 # from 512² to 1024² pixels of 2 × 2 samples, and by 20 bytes a texel from maps of 1024² to 2048². Others take more.
@@ -52,7 +53,7 @@ def _built_in(name: str, setting: SceneOptions) -> Scene:
         setting.ground and setting.up == "auto",
         f"--no-ground and --up are for mesh files; {name} is a built-in scene with its own ground",
     )
-    return scenes.make(name, setting.num_triangles)
+    return scenes.make_scene(name, setting.num_triangles)
 
 
 def _loaded(name: str, setting: SceneOptions, direction: tuple[float, float, float] | None) -> Scene:

@@ -1,1 +1,5 @@
 """Techniques compared with the reference: error, acne, seams, shimmer, gradients, memory and time."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

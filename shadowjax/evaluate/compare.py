@@ -19,10 +19,10 @@ from shadowjax._numerics import dot, safe_divide, safe_sqrt
 from shadowjax._types import Array, Bool, Float
 from shadowjax.evaluate import metrics
 from shadowjax.geometry.smoothing import smooth_corner_groups
-from shadowjax.presets import named_technique
+from shadowjax.presets.registry import named_technique
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import default_caster
-from shadowjax.scenes import Scene
+from shadowjax.scenes.base import Scene
 from shadowjax.shading import Surface, downsample, trace_surface, valid_receivers, visibility_on
 from shadowjax.techniques.base import Shadows, Technique
 from shadowjax.techniques.registry import make_technique

@@ -1,1 +1,5 @@
-"""The equations of the sources, one module for each; every module exports `EQUATIONS: tuple[Equation, ...]`."""
+"""The ledger of equations: every formula of the sources next to independent routes to its value."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

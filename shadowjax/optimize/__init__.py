@@ -1,1 +1,5 @@
-"""Best parameters with certificates: virtual near distance n' and planes between depth slices."""
+"""Best parameters with certificates."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -23,12 +23,12 @@ from shadowjax.ledger.equation import SOURCES, Result, ledger, verify
 from shadowjax.maps.shadow_map import ShadowMap
 from shadowjax.partitions.by_light import ByLight
 from shadowjax.partitions.cascades import Cascades
-from shadowjax.presets import named_technique
+from shadowjax.presets.registry import named_technique
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import default_caster
 from shadowjax.report.advisor import Advice, Choice, advise
 from shadowjax.report.machine import machine
-from shadowjax.scenes import Scene
+from shadowjax.scenes.base import Scene
 from shadowjax.shading import shade, visibility_on
 from shadowjax.techniques.base import Technique
 from shadowjax.techniques.registry import make_technique

@@ -1,1 +1,5 @@
-"""Shadow volumes: what bounds a light's shadow, the counting of its boundaries, and the order of polygons."""
+"""Shadow volumes: extrusion, counting and the trees that order polygons."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,1 +1,5 @@
 """How the texels of a map are spread over a light's plane."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

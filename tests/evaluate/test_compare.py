@@ -6,7 +6,7 @@ import pytest
 
 from shadowjax.evaluate.compare import View, measure, record, reference_view, timed
 from shadowjax.rays.brute import BruteForceCaster
-from shadowjax.scenes import make
+from shadowjax.scenes import make_scene
 from shadowjax.scenes.staging import relit
 from shadowjax.shading import Surface
 from shadowjax.techniques.base import Shadows
@@ -76,7 +76,7 @@ def test_exact_against_itself_and_soft_against_exact(findings):
 
 def test_supersampling_keeps_shapes():
     found = measure(
-        make(SCENE),
+        make_scene(SCENE),
         ("hard",),
         width=16,
         height=12,
@@ -103,9 +103,9 @@ def test_timing_takes_the_median_and_skips_the_first_call():
 )
 def test_bad_names(names, message):
     with pytest.raises(ValueError, match=message):
-        measure(make(SCENE), names)
+        measure(make_scene(SCENE), names)
 
 
 def test_nothing_in_the_light_is_said():
     with pytest.raises(ValueError, match="turn the camera or the light"):
-        reference_view(relit(make("plate-over-plane"), direction=(0.0, 1.0, 0.0)), 16, 12, BruteForceCaster())
+        reference_view(relit(make_scene("plate-over-plane"), direction=(0.0, 1.0, 0.0)), 16, 12, BruteForceCaster())

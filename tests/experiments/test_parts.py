@@ -68,7 +68,7 @@ def test_ideal_filters():
 
 
 def test_a_close_up_looks_at_its_part():
-    camera = scenes.make("two-plates", dtype=jnp.float32).camera
+    camera = scenes.make_scene("two-plates", dtype=jnp.float32).camera
     part = CloseUp(0.3, 0.6, 0.2)
     near = close_up(camera, part)
     half = np.asarray(camera.half_size)

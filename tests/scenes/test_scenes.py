@@ -28,7 +28,7 @@ ALL_SHADOW_ON_GROUND = sorted(EXPECTED - {"colonnade"})  # whose walls take what
 @pytest.fixture(scope="module")
 def built():
     """Every scene at its default size in float64, built once."""
-    return {name: scenes.make(name, dtype=jnp.float64) for name in SCENES}
+    return {name: scenes.make_scene(name, dtype=jnp.float64) for name in SCENES}
 
 
 def as_trimesh(mesh):
@@ -84,20 +84,20 @@ def test_registry_holds_the_promised_families():
 
 def test_unknown_name_is_answered_with_near_ones():
     with pytest.raises(ValueError, match=r"'fense'.*did you mean fence"):
-        scenes.make("fense")
+        scenes.make_scene("fense")
     with pytest.raises(ValueError, match=r"'qqqq'.*colonnade"):
-        scenes.make("qqqq")
+        scenes.make_scene("qqqq")
 
 
 @pytest.mark.parametrize("wish", [0, 100, 10**9])
 def test_impossible_number_of_triangles_is_refused(wish):
     with pytest.raises(ValueError, match=r"num_triangles.*" + re.escape(str(wish))):
-        scenes.make("rubble", num_triangles=wish)
+        scenes.make_scene("rubble", num_triangles=wish)
 
 
 def test_scene_of_one_size_says_so():
     with pytest.raises(ValueError, match="one size"):
-        scenes.make("solids", num_triangles=1000)
+        scenes.make_scene("solids", num_triangles=1000)
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -114,11 +114,11 @@ def test_default_size_is_small_and_near_the_promise(built, name):
 def test_count_stays_within_a_factor_of_two_of_the_wish(name):
     family = SCENES[name]
     for wish in (family.min_triangles, 3 * family.min_triangles, 40_000):
-        assert 0.5 <= scenes.make(name, wish).mesh.num_faces / wish <= 2.0
+        assert 0.5 <= scenes.make_scene(name, wish).mesh.num_faces / wish <= 2.0
 
 
 def test_terrain_passes_a_million_triangles_and_stays_closed():
-    mesh = scenes.make("terrain", 1_050_000).mesh
+    mesh = scenes.make_scene("terrain", 1_050_000).mesh
     assert mesh.num_faces > 1_000_000
     start = np.asarray(mesh.faces).astype(np.int64).ravel()
     end = np.asarray(mesh.faces)[:, [1, 2, 0]].astype(np.int64).ravel()
@@ -129,14 +129,14 @@ def test_terrain_passes_a_million_triangles_and_stays_closed():
 
 @pytest.mark.parametrize("name", SCENES)
 def test_same_arguments_give_the_same_scene(built, name):
-    again = scenes.make(name, dtype=jnp.float64)
+    again = scenes.make_scene(name, dtype=jnp.float64)
     for old, new in zip(jax.tree.leaves(built[name]), jax.tree.leaves(again), strict=True):
         np.testing.assert_array_equal(old, new)
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_arrays_are_finite_and_of_the_dtype_asked_for(name, dtype):
-    scene = scenes.make(name, dtype=dtype)
+    scene = scenes.make_scene(name, dtype=dtype)
     leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(scene)]
     floating = [leaf for leaf in leaves if np.issubdtype(leaf.dtype, np.floating)]
     assert {leaf.dtype for leaf in floating} == {np.dtype(dtype)}

@@ -7,7 +7,7 @@ import pytest
 from shadowjax._types import astype
 from shadowjax.geometry.light import DirectionalLight, PointLight, SpotLight
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.scenes import make, staging
+from shadowjax.scenes import make_scene, staging
 
 TETRAHEDRON = np.array([[0, 0, 0], [1, 0, 0], [0, 0, 1], [0.3, 1.5, 0.2]], float)
 FACES = np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]])
@@ -91,7 +91,7 @@ def test_other_lights_shine_on_the_whole_scene(kind, type_, dtype):
 
 
 def test_lights_out_of_range_are_refused():
-    scene = make("plate-over-plane")
+    scene = make_scene("plate-over-plane")
     with pytest.raises(ValueError, match="light must be one of"):
         staging.relit(scene, "torch")
     with pytest.raises(ValueError, match="no position"):
@@ -101,7 +101,7 @@ def test_lights_out_of_range_are_refused():
 
 
 def test_another_camera():
-    scene = make("plate-over-plane")
+    scene = make_scene("plate-over-plane")
     same = staging.viewed(scene, float(scene.camera.aspect)).camera
     np.testing.assert_allclose(same.rotation, scene.camera.rotation, atol=1e-12)
     np.testing.assert_allclose(same.phi_y, scene.camera.phi_y)

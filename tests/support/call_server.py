@@ -12,10 +12,11 @@ import time
 
 import jax
 
-from shadowjax import _api, _process, report
+import shadowjax
+from shadowjax import _process, report
 from shadowjax.cli import commands, main
 
-LOADED = (jax, _api, report, commands)
+LOADED = (jax, report, commands, *(getattr(shadowjax, name) for name in shadowjax.__all__))
 PATIENCE = 600.0
 
 

@@ -30,7 +30,7 @@ from shadowjax.partitions.single import SingleMap
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import default_caster
 from shadowjax.rays.ray_grid import RayGrid
-from shadowjax.scenes import Scene
+from shadowjax.scenes.base import Scene
 from shadowjax.shading import visibility_on
 from shadowjax.techniques.base import Shadows
 from shadowjax.techniques.exact import Exact

@@ -17,7 +17,7 @@ from shadowjax.filters.hard import Hard
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import default_caster
-from shadowjax.scenes import Scene
+from shadowjax.scenes.base import Scene
 from shadowjax.techniques.shadow_mapping import MappedShadows, ShadowMapping
 
 OBJECTIVES = ("light", "visibility")
@@ -94,7 +94,7 @@ def view_scene(
         ValueError: If a name or size is wrong, or nothing in view faces the light.
     """
     require(objective in OBJECTIVES, f"objective must be one of {', '.join(OBJECTIVES)}; got {objective!r}")
-    scene = scenes.make(scene) if isinstance(scene, str) else scene
+    scene = scenes.make_scene(scene) if isinstance(scene, str) else scene
     caster = default_caster() if caster is None else caster
     view = reference_view(scene, width, height, caster)
     shadows = ShadowMapping(Hard(), resolution, caster=caster).build(scene.mesh, scene.lights[0], scene.camera)

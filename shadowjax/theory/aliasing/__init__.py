@@ -1,1 +1,5 @@
 """Perspective aliasing error of warped shadow maps, and the parameters that minimise it."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,17 @@
+from .kinds import BiasSum as BiasSum
+from .kinds import BufferBias as BufferBias
+from .kinds import NormalOffset as NormalOffset
+from .kinds import ReceiverPlane as ReceiverPlane
+from .kinds import SlopeScaled as SlopeScaled
+from .kinds import acne_free_offset as acne_free_offset
+from .rule import MAX_SLOPE as MAX_SLOPE
+from .rule import Bias as Bias
+from .rule import BiasedReceiver as BiasedReceiver
+from .rule import BiasRule as BiasRule
+from .rule import depth_change as depth_change
+from .rule import depth_slope as depth_slope
+from .rule import plane_gradient as plane_gradient
+from .rule import texel_size as texel_size
+from .units import BiasScale as BiasScale
+from .units import DepthBuffer as DepthBuffer
+from .units import cascade_scales as cascade_scales

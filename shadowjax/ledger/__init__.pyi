@@ -1,0 +1,12 @@
+from .equation import Check as Check
+from .equation import Correction as Correction
+from .equation import Equation as Equation
+from .equation import Result as Result
+from .equation import check as check
+from .equation import evaluate as evaluate
+from .equation import find as find
+from .equation import ledger as ledger
+from .equation import verify as verify
+from .inputs import Estimate as Estimate
+from .inputs import Inputs as Inputs
+from .reference import compare_rows as compare_rows

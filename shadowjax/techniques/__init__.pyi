@@ -1,0 +1,14 @@
+from .adaptive import AdaptiveShadowMapping as AdaptiveShadowMapping
+from .adaptive import AdaptiveShadows as AdaptiveShadows
+from .base import Shadows as Shadows
+from .base import Technique as Technique
+from .exact import Exact as Exact
+from .exact import ExactShadows as ExactShadows
+from .jittered import AccumulatedShadows as AccumulatedShadows
+from .jittered import JitteredLights as JitteredLights
+from .registry import TECHNIQUES as TECHNIQUES
+from .registry import make_technique as make_technique
+from .shadow_mapping import MappedShadows as MappedShadows
+from .shadow_mapping import ShadowMapping as ShadowMapping
+from .shadow_volumes import ShadowVolumes as ShadowVolumes
+from .shadow_volumes import VolumeShadows as VolumeShadows

@@ -1,0 +1,11 @@
+from . import error as error
+from . import light_frustum as light_frustum
+from . import near_distances as near_distances
+from . import optimal as optimal
+from . import overhead as overhead
+from . import roots as roots
+from . import rounding as rounding
+from . import split_rules as split_rules
+from . import split_search as split_search
+from . import storage as storage
+from . import strength as strength

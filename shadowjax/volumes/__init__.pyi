@@ -1,0 +1,16 @@
+from .bsp import BspTree as BspTree
+from .bsp import bsp_of_mesh as bsp_of_mesh
+from .bsp import build_bsp as build_bsp
+from .extrude import VolumeEdges as VolumeEdges
+from .extrude import edge_weights as edge_weights
+from .extrude import face_signs as face_signs
+from .extrude import homogeneous_light as homogeneous_light
+from .extrude import shadow_quads as shadow_quads
+from .extrude import volume_edges as volume_edges
+from .regions import Boundary as Boundary
+from .regions import Regions as Regions
+from .regions import boundary as boundary
+from .stencil import Counts as Counts
+from .stencil import Stencil as Stencil
+from .stencil import eye_counts as eye_counts
+from .stencil import near_plane_counts as near_plane_counts

@@ -1,0 +1,10 @@
+from .base import Warp as Warp
+from .base import WarpFit as WarpFit
+from .fit import LogarithmicFit as LogarithmicFit
+from .fit import PerspectiveFit as PerspectiveFit
+from .logarithmic import LogarithmicWarp as LogarithmicWarp
+from .perspective import PerspectiveWarp as PerspectiveWarp
+from .registry import WARP_FITS as WARP_FITS
+from .stable import StableFit as StableFit
+from .uniform import UniformFit as UniformFit
+from .uniform import UniformWarp as UniformWarp
