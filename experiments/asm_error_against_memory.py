@@ -1,4 +1,4 @@
-"""asm, adaptive shadow maps: wrong pixels against memory, beside uniform maps of any size.
+"""asm, adaptive shadow maps: wrong pixels against memory, next to uniform maps of any size.
 
 The source gives no numbers: it says that an adaptive map adapts to the view and keeps within a memory that is set.
 Measured: pixels near an exact shadow's edge (two pixels on either side) whose answer is not the exact one, for uniform
@@ -10,7 +10,7 @@ One scene is no law: every built-in scene is measured too, smaller and under few
 the budget itself would hold, and the claim says on how many of them the adaptive map is better.
 
 How to read it: on the left both kinds over their bytes; the shaded band is the factor of 16 in memory. In the middle
-the resolution of the uniform map that is as good as each budget, beside the map that the budget itself would hold; the
+the resolution of the uniform map that is as good as each budget, next to the map that the budget itself would hold; the
 finest tiles are the texels across a uniform map of the finest texels that the budget came to hold. On the right, for
 every scene, wrong pixels of the adaptive map over those of the uniform map of the same memory: better is left of 1, and
 none at all stands at 0.01.

@@ -6,7 +6,7 @@ tolerance that is hard to choose.
 
 Measured: pixels that differ from the exact shadow, dark ones and lit ones apart, for the three tests read from *one*
 adaptive map, over the bias. Neighbouring triangles of one plane count as one polygon. Ids take two bytes for every
-texel beside four of depth, so the depth test is also measured with tiles that fill the same memory without them.
+texel next to four of depth, so the depth test is also measured with tiles that fill the same memory without them.
 
 How to read it: a test that needs no tolerance is flat. On the left dark pixels that should be lit (speckles, dark
 seams), in the middle lit pixels that should be dark, on the right both together.

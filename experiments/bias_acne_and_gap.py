@@ -1,4 +1,5 @@
-"""Acne against gap: what a bias of each size does to a plane and to the foot of a wall, predicted and measured.
+"""The acne / peter-panning trade-off: what a bias of each size does to a plane and to the foot of a wall, predicted and
+measured.
 
 Too little bias and a plane shadows itself; too much and light shows between a wall's foot and its shadow. In texels of
 slope the border of acne is one number for every incidence and resolution: the filter's reach. In texels, in world units

@@ -1,6 +1,6 @@
 """filtering, figure 2.7: ringing of convolution shadow maps, and what damping does to the step.
 
-The source's picture shows bright bands beside shadows and blames the truncated Fourier series. It damps the k-th term
+The source's picture shows bright bands next to shadows and blames the truncated Fourier series. It damps the k-th term
 by e^(−α(k/M)²) and says that the step becomes *steeper* and the transitions *less* soft.
 
 Measured: the series through the package's own basis images, for several M, with and without damping. The first peak

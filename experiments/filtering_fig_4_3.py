@@ -1,4 +1,4 @@
-"""filtering, figure 4.3: PCF, VSM, CSM, XCSM and ESM over one map, beside the exact shadow.
+"""filtering, figure 4.3: PCF, VSM, CSM, XCSM and ESM over one map, next to the exact shadow.
 
 The source shows five pictures: PCF with a constant bias, and the others with a 7 × 7 Gaussian. It sees a gap under
 things in PCF (peter-panning), light bleeding in VSM, wrong intensity at contact in all but PCF, and finds XCSM close to

@@ -3,7 +3,7 @@
 The source prints 36 numbers "in MB". Measured here: formats give 35 of them, with R32F for depths, RG32F for two
 moments, eight RGBA16F and one R32F for convolution maps with M = 16, mip chains on all but the last, and temporary
 textures without. The unit is neither 10⁶ nor 2²⁰ bytes but 1024 · 1000, each texture rounded up to whole KiB. One cell
-is wrong: the temporary texture of the convolution map at 256², printed 0.512 like the row of variance maps beside it,
+is wrong: the temporary texture of the convolution map at 256², printed 0.512 like the row of variance maps next to it,
 is 0.256.
 
 How to read it: dots are printed, lines computed; the cross is the wrong cell.

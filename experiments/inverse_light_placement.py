@@ -91,7 +91,7 @@ class Found:
         bare: ln m measured on the bare ground.
         measured: The same among blocks.
         here: ln m measured at the search's answer.
-        beside: Least ln m of random points near the answer.
+        next to: Least ln m of random points near the answer.
     """
 
     phi: float
@@ -341,7 +341,7 @@ def draw(result: Result) -> Figure:
 
 @styled
 def animate(result: Result) -> list[Figure]:
-    """The best search of the first scene on the map of ln m; beside it, the camera's height and n'."""
+    """The best search of the first scene on the map of ln m; next to it, the camera's height and n'."""
     one = result.found[0]
     history = one.search.history
     shown = np.linspace(0, len(history) - 1, 12).astype(int)

@@ -3,7 +3,7 @@
 A filter that counts depth tests has no gradient in its bias, and moving n' moves every texel, so the error of a map is
 rough in all three. `optimize.viewed.expected` averages it over the place of each receiver inside its texel and softens
 the tests; the result is smooth, and its slope sees the edges of shadows. L-BFGS-B within bounds lowers it from several
-starts. The truth is the mean over the sun's disc, so that a wider kernel may be right.
+starts. The reference is the mean over the sun's disc, so that a wider kernel may be right.
 
 Measured: the slope against central differences; the softened error against that of the map itself, which is cast,
 tested and filtered as always, at every end; whether the map's own error falls against the default (n' of eqs 42 and

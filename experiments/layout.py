@@ -1,4 +1,4 @@
-"""Layouts of the figures: an empty one to divide, and a picture beside close-ups of its details."""
+"""Layouts of the figures: an empty one to divide, and a picture next to close-ups of its details."""
 
 from collections.abc import Mapping, Sequence
 

@@ -7,7 +7,7 @@ regular one has 6 (π − acos ⅓)/π = 3.65 outer edges in the mean over direc
 and the source has 596. (Sierpiński's 256 tetrahedra, each with 3 outer edges at least, would have 772 or more.) Not
 told, and so chosen here: how the sphere is divided (a tetrahedron divided eight times along each edge has its 256
 triangles; the ground comes on top), which solids stand there (the five regular ones, a box and the ground have its 94
-triangles), how large each tetrahedron is beside the one it stands on, where the ground ends, where camera and lights
+triangles), how large each tetrahedron is next to the one it stands on, where the ground ends, where camera and lights
 are.
 """
 

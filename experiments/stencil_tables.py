@@ -12,7 +12,7 @@ is the sum of δ/π over its edges. The stages are run in their plainest form: s
 counted, entered minus left, with what the cap adds for the eye; light is where the count is 0, and that is compared
 with shadow rays pixel by pixel, and with the technique `ShadowVolumes`.
 
-Times are compared as ratios only: between scenes, for one stage, beside the source's. Rendering is that of the
+Times are compared as ratios only: between scenes, for one stage, next to the source's. Rendering is that of the
 technique itself, which draws each quad over the part of the picture that it can cover: so its time for a quad is a
 result, and differs between scenes by what the quads cover.
 

@@ -2,7 +2,7 @@
 
 The light is overhead and the view is seen from it: a trapezium with pillars. Above, the texels lie over the view, ever
 closer together near the eye as n' falls. Below is what the map stores: texels are squares there, and the view and its
-pillars are deformed. With n' = n the trapezium becomes the whole square and nothing is wasted beside it; with n' = ∞
+pillars are deformed. With n' = n the trapezium becomes the whole square and nothing is wasted next to it; with n' = ∞
 it keeps its shape and fills (1 + n/f)/2 of the map.
 
 Measured: outlines are put through the package's warp, and areas are those of the resulting polygons. The share of the

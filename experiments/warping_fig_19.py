@@ -151,7 +151,7 @@ def claims(result: Result) -> tuple[Claim, ...]:
                np.stack([result.error_x[UNIFORM], result.error_z[UNIFORM]]),
                np.stack([far / depth, equal / depth]), 1e-12),
         equals("LiSPSM: m_z is equal at both planes", lispsm[-1], lispsm[0], 1e-12),
-        equals("LiSPSM: M_z is (f − n)/(2 tg φ √(fn))", ends[LISPSM], equal / np.sqrt(far * near), 1e-12),
+        equals("LiSPSM: M_z is (f − n)/(2 tan φ √(fn))", ends[LISPSM], equal / np.sqrt(far * near), 1e-12),
         Claim("no other n' has a smaller M_z", bool(result.scanned.min() >= ends[LISPSM] * (1 - 1e-12)),
               f"at least {result.scanned.min():.9g} for {result.scanned.size} values of n'", f"{ends[LISPSM]:.9g}"),
         all_true("m_z is largest at one of the two planes", result.error_z.max(axis=1) == ends, "warps"),

@@ -128,13 +128,13 @@ def claims(result: Result) -> tuple[Claim, ...]:
     sampled = [np.interp(result.measured_etas, etas, values) for values in curves.values()]
     return (
         agrees("largest errors of the matrices are eqs 28, 29 and 31", list(result.measured.values()), sampled, 1e-8),
-        agrees("S = (f/n − 1)/(2 tg φ) for every η ≥ 0", curves["storage"][warped], flat, 1e-12),
+        agrees("S = (f/n − 1)/(2 tan φ) for every η ≥ 0", curves["storage"][warped], flat, 1e-12),
         all_true("S is larger for every η < 0", curves["storage"][~warped] > flat * (1 + 1e-12), "values of η"),
         equals("the uniform map needs f/n times as much", curves["storage"][0], flat * ratio, 1e-9),
         Claim("M_x is least for PSM", best["x"] == 1, f"at η = {best['x']:g}", "η = 1"),
         equals("and is 1 there", curves["x"][-1], 1.0, 1e-12),
         Claim("M_z is least for LiSPSM", abs(best["z"]) < 1e-12, f"at η = {best['z']:g}", "η = 0"),
-        equals("M_z is (f − n)/(2 tg φ √(fn)) there", curves["z"].min(),
+        equals("M_z is (f − n)/(2 tan φ √(fn)) there", curves["z"].min(),
                (config.far - config.near) / (2 * tangent * root), 1e-12),
         agrees("M_z rises linearly in |η|, by definition of η", curves["z"], away, 1e-9),
         agrees("corrected eq. 33 leads back to its η", 2 + result.again, 2 + etas, 1e-12),

@@ -1,7 +1,7 @@
 """warping, figure 22: the near distance n' for every angle between light and view, before and after its correction.
 
 Before (a): n'₁ for γ ≥ φ and n'₂ below make the error along z' equal at both planes. The source says that n'₂ turns
-negative for γ ≤ φ. It does not: at γ = φ it is √(fn)·sin φ, and it vanishes at tg γ = tg φ/(1 + √(n/f)).
+negative for γ ≤ φ. It does not: at γ = φ it is √(fn)·sin φ, and it vanishes at tan γ = tan φ/(1 + √(n/f)).
 
 After (b): below γ_lim, where the depth ranges of near and far plane overlap seen from the light, the source replaces n'
 by n'(γ_lim)/r(γ) with r of eq. 43 or 44, so that the warp fades to the uniform map. That is continuous and not smooth.
@@ -172,7 +172,7 @@ def claims(result: Result) -> tuple[Claim, ...]:
         agrees("n' of equal error, found on beams, is eq. 39", result.measured, result.formula, 1e-8),
         equals("n'₁ at γ = 90° is n + √(fn)", result.before[-1], config.near + root, 1e-12),
         equals("corrected: n'₂ at γ = φ is √(fn)·sin φ, not negative", special["at_phi"], root * math.sin(phi), 1e-9),
-        Claim("corrected: n'₂ vanishes at tg γ = tg φ/(1 + √(n/f))",
+        Claim("corrected: n'₂ vanishes at tan γ = tan φ/(1 + √(n/f))",
               abs(special["at_zero"]) < 1e-9 * root and bool((result.before[between] > 0).all()),
               f"{special['zero_deg']:.6f}°, positive from there to φ", f"below φ = {config.phi_deg:g}°"),
         equals("γ_lim of eq. 40 is where near and far plane touch seen from the light", special["limit_deg"],

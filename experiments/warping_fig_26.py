@@ -1,8 +1,8 @@
 """warping, figure 26: storage factor over f/n for one to many depth slices, with and without a warp.
 
-The source cuts the view in k similar slices (eq. 50). Each costs (q − 1)/(2 tg φ) texels per pixel with a perspective
+The source cuts the view in k similar slices (eq. 50). Each costs (q − 1)/(2 tan φ) texels per pixel with a perspective
 warp, q = (f/n)^(1/k), and q times that without one (eq. 51). With many slices both reach the logarithmic map's
-ln(f/n)/(2 tg φ) (eq. 52), which nothing beats.
+ln(f/n)/(2 tan φ) (eq. 52), which nothing beats.
 
 Measured: every slice gets its own warp matrix, errors are taken by differentiation and by beams at many depths, and
 M_x·M_z is summed over the slices. How far k warped slices are from the limit is bounded: S over it is

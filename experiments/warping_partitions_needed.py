@@ -1,6 +1,6 @@
 """warping, figure 26 turned round: how many depth slices bring storage to twice the least possible?
 
-The logarithmic map needs ln(f/n)/(2 tg φ) texels per pixel and no map needs less. Allow twice that. With a warp in
+The logarithmic map needs ln(f/n)/(2 tan φ) texels per pixel and no map needs less. Allow twice that. With a warp in
 every slice the sum of eq. 51 stays within it while (q − 1)/ln q ≤ 2, so while a slice's depth ratio q is at most 3.513:
 k = ⌈ln(f/n)/1.256⌉ slices, half a decade each. Without warps q(q − 1)/ln q ≤ 2 allows only q ≤ 1.578, so
 k = ⌈ln(f/n)/0.456⌉: 2.75 times as many. For parallel light no number of slices is enough: k(f/n)^(2/k) is least at

@@ -10,7 +10,7 @@ Measured: the closed forms are held to a search that tries thousands of n' for e
 optimum, and the errors it compares are those that beams give (figure 23). How much is lost is found where it is
 largest, by refinement.
 
-How to read it: n' on the left; beside it the largest error over the least possible one, on the axis and over the
+How to read it: n' on the left; next to it the largest error over the least possible one, on the axis and over the
 whole section. 1 is the optimum.
 """
 
@@ -205,7 +205,7 @@ def numbers(result: Result) -> dict[str, Any]:
 
 @styled
 def draw(result: Result) -> Figure:
-    """n' on the left, losses on the axis and over the section beside it."""
+    """n' on the left, losses on the axis and over the section next to it."""
     figure, axes = new_figure(12.4, 4.5, 1, 3)
     left, middle, right = axes[0]
     for name, color in reversed(RULES.items()):

@@ -88,7 +88,7 @@ class ArrayKind(Numbers):
         if self.is_numpy:
             return array.astype(float) if self.family == "Float" and kind in "iu" else array
         if self.family == "Float" or kind == "f":
-            # Numbers take the dtype of the arrays beside them; a NumPy array of floats keeps its own.
+            # Numbers take the dtype of the arrays next to them; a NumPy array of floats keeps its own.
             keeps = isinstance(value, np.ndarray) and kind == "f"
             is_weak = isinstance(value, int | float)
             dtype = None if keeps else call.float_dtype() or (None if is_weak else default_dtype())

@@ -1,4 +1,4 @@
-"""The only opener of files besides geometry.mesh_files: whole-file writes that never leave half a file, and TOML."""
+"""Atomic file writing, and TOML reading; apart from geometry.mesh_files nothing else opens files."""
 
 import contextlib
 import json
@@ -174,7 +174,7 @@ def _descriptor(path: str | Path) -> int | None:
 
 
 def _draft(stack: ExitStack, place: _Place, content: bytes) -> str | None:
-    """A file beside the target that can take its place; None where the target itself must be written over."""
+    """A file next to the target that can take its place; None where the target itself must be written over."""
     draft = os.path.join(os.path.dirname(place.target), f".shadowjax-{secrets.token_hex(8)}")
     stack.enter_context(unfinished(draft))
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)

@@ -296,7 +296,7 @@ class SearchOptions:
 
 @dataclass(frozen=True)
 class BiasSearch:
-    """The bias of least error over scenes, beside the default that frees planes of acne."""
+    """The bias of least error over scenes, next to the default that frees planes of acne."""
 
     technique: Annotated[str, arg(metavar="NAME")] = "pcf-3x3"
     """Technique whose filter reads the maps."""

@@ -1,4 +1,4 @@
-"""Acne against gap: the least bias that surfaces need, for planes in closed form, for meshes measured; and its cost."""
+"""The acne / peter-panning trade-off: the smallest bias that removes acne, for planes and for meshes; its cost."""
 
 from typing import NamedTuple
 

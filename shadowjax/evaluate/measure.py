@@ -48,7 +48,7 @@ def warp_matrix(
 ) -> Matrix4:
     """World to (s, ·, t) as one homogeneous matrix: light axes, projection centre, frustum matrix, bias to [0, 1].
 
-    The smallest P of the given n' around the 8 corners, by looking at the corners; or one of a given opening tg φ'_x.
+    The smallest P of the given n' around the 8 corners, by looking at the corners; or one of a given opening tan φ'_x.
     """
     axes = light_axes(frustum.gamma)
     local = frustum_corners(frustum) @ axes.T

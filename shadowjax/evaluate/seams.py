@@ -98,7 +98,7 @@ def seam_steps(
     valid: Bool[Array, "rows cols"],
     face: Int[Array, "rows cols"] | None = None,
 ) -> SeamSteps:
-    """How a picture steps across the seams of a partition, beside how it steps elsewhere.
+    """How a picture steps across the seams of a partition, next to how it steps elsewhere.
 
     Args:
         values: Any quantity of the pixels: `texel_picture`, or the difference of visibility from the exact one.

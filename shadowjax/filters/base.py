@@ -16,7 +16,7 @@ class Lookup(Checked):
     Attributes:
         position: (x, y) in texels, centres at +½.
         depth: Receiver's distance along the light ray, world units.
-        bias: Depth the test forgives, world units: lit where depth − bias ≤ stored depth.
+        bias: Depth tolerance of the test, world units: lit where depth − bias ≤ stored depth.
         texel_size: World size of a texel at the receiver.
         border: What lies outside the map (`maps.sampling.BORDERS`).
         footprint: Change of (x, y), in texels, over one pixel along the image's columns (first) and rows; None if the

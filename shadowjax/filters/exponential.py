@@ -159,7 +159,7 @@ class Exponential(Filter):
             stored = self.prefilter.prepare(jnp.exp(exponents)[None])
         farthest = None
         if self.fallback == "z-max":
-            # Bilinear taps lie up to a texel beside the receiver's own.
+            # Bilinear taps lie up to a texel from the receiver's own.
             width = self.prefilter.size + 2
             wide = extend(depth_range.to_unit(depth), width // 2, border, jnp.ones((), depth.dtype))
             farthest = jax.lax.stop_gradient(wide)

@@ -56,7 +56,7 @@ def single(depth: Depth) -> Planes:
 
 @checked
 def max_neighbour(depth: Depth, size: int = 3, include_centre: bool = True) -> Planes:
-    """2-SM with the largest depth of the size × size neighbourhood beside the texel's own.
+    """2-SM with the largest depth of the size × size neighbourhood next to the texel's own.
 
     Source: mdsm, section 4.5.2 and figure 4.8 (the code of figure 4.16 includes the centre; with `include_centre`
     False it is left out).
@@ -93,7 +93,7 @@ def ring_offsets(num_depths: int, radius: int = 1) -> tuple[tuple[int, int], ...
     Raises:
         ValueError: If the ring has fewer cells than samples asked for.
 
-    Source: mdsm, section 4.5.4, figures 4.9 and 4.11, which start straight up and leave 6-SMs beside their texel.
+    Source: mdsm, section 4.5.4, figures 4.9 and 4.11, which start straight up and leave 6-SMs next to their texel.
     """
     require_int(num_depths, "num_depths", 2)
     require_int(radius, "radius", 1)
@@ -193,7 +193,7 @@ class DepthPolicy(Checked):
     def centroid(self) -> tuple[float, float]:
         """(row, column) offset from the texel of the middle of what its depths stand for; lookups are moved against it.
 
-        Where it is not 0, shadows would lie beside their place by as much.
+        Where it is not 0, shadows would lie off their place by as much.
         """
         return 0.0, 0.0
 

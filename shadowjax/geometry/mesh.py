@@ -188,5 +188,5 @@ class Mesh(Checked):
 
 @checked
 def zero_area_faces(mesh: Mesh) -> int:
-    """How many triangles have no area worth the name (≤ 1e-12 of the squared extent); casters pass through them."""
+    """Number of degenerate triangles (≤ 1e-12 of the squared extent); casters pass through them."""
     return int(jnp.sum(safe_divide(mesh.areas(), mesh.extent**2) <= 1e-12))

@@ -197,7 +197,7 @@ def checks(equation: Equation) -> Iterator[Check]:
 
 @checked
 def check(equation: Equation) -> Result:
-    """Make all checks of one equation; it passes if there are some beside the refutation, and all pass."""
+    """Make all checks of one equation; it passes if there are some other than the refutation, and all pass."""
     made = tuple(checks(equation))
     passed = any(not one.name.startswith(REFUTED) for one in made) and all(one.passed for one in made)
     kinds = {one.kind for one in made}

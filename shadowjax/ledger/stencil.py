@@ -222,7 +222,7 @@ def _ratios(inputs: Inputs) -> list[Fraction]:
 
 
 def _ratios_from_totals(inputs: Inputs) -> list[Fraction]:
-    """Each step's time as what the printed total leaves beside the other two, in both tables."""
+    """Each step's time as what the printed total leaves next to the other two, in both tables."""
     at = _scene(inputs)
 
     def left(table: Mapping[str, tuple[str, ...]], total: str, step: str) -> Fraction:

@@ -24,7 +24,7 @@ class Partition(Checked):
         return self
 
     def with_margin(self, texels: float) -> "Partition":
-        """This partition for filters that read so many texels away; itself where regions do not border on each other.
+        """This partition for filters that read `texels` texels away; itself where regions do not border on each other.
 
         Args:
             texels: The filter's reach along an axis, in texels of the grids.

@@ -23,7 +23,7 @@ class ByLight(Partition):
     local: Partition = SingleMap()
 
     def with_margin(self, texels: float) -> "ByLight":
-        """Both for filters that read so many texels away."""
+        """Both for filters that read `texels` texels away."""
         return ByLight(self.directional.with_margin(texels), self.local.with_margin(texels))
 
     def of(self, light: Light) -> Partition:

@@ -47,7 +47,7 @@ class Cascades(Partition):
 
     Points take the first map, from the nearest slice on, that holds them with all that the filter reads: a slice's map
     often reaches beyond its far plane, and points there then get its finer texels. Or they take the slice that their
-    depth lies in; that is what blending needs, since only then is the next map known to cover the points beside the
+    depth lies in; that is what blending needs, since only then is the next map known to cover the points next to the
     seam.
 
     A point light shines in every direction and its rays have no plane to fit slices to: it gets one map of `SingleMap`

@@ -49,7 +49,7 @@ class CubeMap(Partition):
         require_int(self.margin, "margin", 0)
 
     def with_margin(self, texels: float) -> "CubeMap":
-        """The cube with a margin for a filter that reads so many texels away."""
+        """The cube with a margin for a filter that reads `texels` texels away."""
         return CubeMap(2 * math.ceil(texels) + 1)
 
     def grids(self, mesh: Mesh, light: Light, camera: Camera, resolution: int) -> tuple[RayGrid, ...]:

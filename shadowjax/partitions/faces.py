@@ -31,7 +31,7 @@ class FacePartition(Partition):
 
     A ray of the light crosses the frustum from one face to another, and its texel should be as fine as the finest pixel
     beam it meets: at the end of least depth. Those ends lie on the near plane and on the sides whose rays run from
-    there to greater depths: all four for γ < φ, three for φ < γ < π/2 (the far one and the two beside it), one for
+    there to greater depths: all four for γ < φ, three for φ < γ < π/2 (the far one and the two next to it), one for
     γ = π/2, which is then the map of an ordinary perspective warp. As the source proposes, sides are drawn out to the
     camera's position, so that they cover the near plane too and no fifth map is needed.
 

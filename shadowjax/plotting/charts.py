@@ -112,7 +112,7 @@ def scatter(
 
 @checked
 def name_points(figure: Figure, spot, points: Mapping[str, tuple[float, float]], chosen: str | None) -> None:
-    """Write each name beside its point, moved up or down where names would collide."""
+    """Write each name next to its point, moved up or down where names would collide."""
     pixel = {name: spot.transData.transform(point) for name, point in points.items()}
     point = figure.dpi / 72  # of type, in pixels
     line, char, aside = 11.0 * point, 5.0 * point, 7.0 * point

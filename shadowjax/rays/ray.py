@@ -140,7 +140,7 @@ def edge_test(x: tuple[Array, Array, Array], y: tuple[Array, Array, Array], z: t
     verdict is right or a tie; two triangles that share an edge compare the same two numbers; and a fused multiply-add
     cannot turn a tie into two misses. Ties count as inside: a closed mesh leaks no ray. Three ties at once mean a
     triangle seen exactly edge-on or without area (two equal corners always end here): it is missed. A triangle that is
-    edge-on to a rounding may tie along the whole *line* of its edges; beside its bounding rectangle it is missed too,
+    edge-on to a rounding may tie along the whole *line* of its edges; next to its bounding rectangle it is missed too,
     by comparisons that are exact, so nothing leaks.
 
     Args:
@@ -308,7 +308,7 @@ def _solved(
         first, length = _inner(offset, direction), _inner(direction, direction)
         second, third = first + _inner(one, direction), first + _inner(two, direction)
         depth = jnp.where(meets, _inner(normal, offset) * inverse, (first + second + third) / 3)
-        # The ray may pass beside a triangle by a rounding: depth and weights stay those of a point of the triangle.
+        # The ray may pass outside a triangle by a rounding: depth and weights stay those of a point of the triangle.
         ahead = depth * length
         least, most = _least(first, second, third), _greatest(first, second, third)
         depth = depth + (jnp.minimum(jnp.maximum(ahead, least), most) - ahead)
@@ -341,7 +341,7 @@ def _in_64_bits(numbers: _Tree) -> _Tree:
 def surface_points(mesh: Mesh, rays: Rays, hit: Hit) -> Points:
     """Where rays meet a mesh, as nearly on the triangles' planes as numbers can tell; the rays' starts for a miss.
 
-    A distance along a ray is rounded by the ray's length, and puts a point off its surface by as much. From beside the
+    A distance along a ray is rounded by the ray's length, and puts a point off its surface by as much. From next to the
     triangle, a step along the ray to its plane takes that away. The step is a rounding, so it has no derivative.
     """
     missed = hit.face < 0

@@ -1,4 +1,4 @@
-"""Casting over many devices and processes: views, bands of rows, points or triangles dealt to devices."""
+"""Casting over many devices and processes: views, bands of rows, points or triangles sharded across devices."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
@@ -47,7 +47,7 @@ def stack_grids(grids: Sequence[RayGrid]) -> RayGrid:
 
 @checked
 def closest_on_grids(caster: Caster, mesh: Mesh, grids: RayGrid, devices: Sequence[Any] | None = None) -> Hit:
-    """First hits of a batch of views, dealt to devices; on each device one view after the other.
+    """First hits of a batch of views, sharded across devices; on each device one view after the other.
 
     The same as casting them one by one. Under `jax.distributed` every process calls this with the same arguments.
 
@@ -109,7 +109,7 @@ def visible_over_points(
     normals: Points | None = None,
     devices: Sequence[Any] | None = None,
 ) -> Bool[Array, "*points"]:
-    """The exact shadow test of `Caster.visible`, the points dealt to devices along their first axis.
+    """The exact shadow test of `Caster.visible`, the points sharded across devices along their first axis.
 
     Args:
         caster: Tests each share.
@@ -157,7 +157,8 @@ def closest_over_triangles(caster: Caster, mesh: Mesh, grid: RayGrid, devices: S
 def depth_over_triangles(
     caster: Caster, mesh: Mesh, grid: RayGrid, devices: Sequence[Any] | None = None
 ) -> Float[jax.Array, "rows cols"]:
-    """Depth alone of one grid, its triangles dealt to devices in blocks; of the devices' depth maps the least counts.
+    """Depth alone of one grid, its triangles sharded across devices in blocks; of the devices' depth maps the least
+    counts.
 
     The fastest way to one map of many triangles on many devices: a device neither knows nor compares faces.
 

@@ -45,7 +45,7 @@ def _version(package: str) -> str:
 
 
 def _processor() -> str:
-    """The processor's own name where the system tells it."""
+    """The processor's name, where the system reports it."""
     name = platform.processor()
     if platform.system() == "Linux":
         from shadowjax.io import read_lines

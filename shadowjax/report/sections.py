@@ -42,7 +42,7 @@ def views(findings: Findings, window: Window) -> str:
 
 
 def techniques(findings: Findings, window: Window) -> str:
-    """Each technique beside the exact shadow, with its signed error and a magnified edge."""
+    """Each technique next to the exact shadow, with its signed error and a magnified edge."""
     mask = np.asarray(findings.comparison.view.pixel_mask)
     exact, cards = findings.exact_values, []
     for index, record in enumerate(findings.comparison.records):
@@ -80,7 +80,7 @@ def techniques(findings: Findings, window: Window) -> str:
     )
     return section(
         "techniques",
-        "Techniques beside the exact shadow",
+        "Techniques next to the exact shadow",
         "Look at the magnified edge: a hard test shows the map's texels as steps, a filter spreads each step over its "
         "tones, and more depths in a texel smooth it with fewer taps. The difference shows which side pays for it.",
         key,

@@ -48,7 +48,7 @@ def tones(findings: Findings) -> str:
 
 
 def cost(findings: Findings) -> str:
-    """Fetches by the source's model, beside measured times."""
+    """Fetches by the source's model, next to measured times."""
     if not findings.costs:
         return ""
     records = {record.technique: record for record in findings.comparison.records}

@@ -1,4 +1,4 @@
-"""Findings onto disk: the page and the results beside it."""
+"""Findings onto disk: the page and the results next to it."""
 
 from pathlib import Path
 

@@ -19,7 +19,7 @@ DEFAULT = 5600
 
 @checked
 def ground_height(x: Any, z: Any) -> Any:
-    """Height of the ground, metres: a shallow dome beside a shallow bowl."""
+    """Height of the ground, metres: a shallow dome next to a shallow bowl."""
     dome = 0.5 * np.exp(-((x + 0.95) ** 2 + (z - 0.25) ** 2) / 1.3)
     bowl = 0.3 * np.exp(-((x - 1.5) ** 2 + (z - 0.9) ** 2) / 1.2)
     return dome - bowl

@@ -9,7 +9,7 @@ from jax import lax
 
 from shadowjax._types import Array, Bool, Float, Int
 
-# A place beside a segment, in roots of the dtype's rounding, cells: far enough to be told apart from the segment.
+# A place next to a segment, in roots of the dtype's rounding, cells: far enough to be told apart from the segment.
 BESIDE = 32.0
 
 
@@ -223,7 +223,7 @@ def blend(
 
     Args:
         base: Values at the centres.
-        left, right: Values just beside each piece.
+        left, right: Values just next to each piece.
         start, end: Ends of the line of each piece.
         piece: Cell of each, its ends as parts of the line, and whether it parts the picture.
         num_cols: Columns of the grid.

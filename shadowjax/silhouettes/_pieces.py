@@ -12,7 +12,7 @@ from shadowjax.silhouettes._cells import BESIDE, Crossings, map_present, places_
 
 # Parts of a piece that are looked at apart: a part that changes and changes back is not noticed.
 PARTS = 3
-# How close to its ends a piece is looked at, in distances of the places beside it.
+# How close to its ends a piece is looked at, in distances of the places next to it.
 INSET = 4.0
 # Halvings that find where a piece changes.
 HALVINGS = 20
@@ -27,7 +27,7 @@ Probe = Callable[[Array, Array, Array, Array], tuple[Array, Any]]
 
 
 class Pieces(NamedTuple):
-    """Parts of lines within one cell, with the same surfaces beside them all along.
+    """Parts of lines within one cell, with the same surfaces next to them all along.
 
     Attributes:
         segment: Index of the line.
@@ -55,7 +55,7 @@ def settle(
     Args:
         pairs: Lines and the cells they cross.
         start, end: Of all lines.
-        probe: Tells what lies beside a line.
+        probe: Tells what lies next to a line.
     """
     pairs = _in_parts(pairs)
     capacity = pairs.segment.shape[0]

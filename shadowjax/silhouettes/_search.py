@@ -31,7 +31,7 @@ from shadowjax.silhouettes.coverage import (
 
 # Pieces of a shadow's edge for each cell of the view, if the view shows just the scene.
 PIECES = 1.0
-# How far beside an edge the light's rays look, in roundings of the scene's size.
+# How far next to an edge the light's rays look, in roundings of the scene's size.
 ASIDE = 1024.0
 
 

@@ -126,7 +126,7 @@ class OutlinePieces(Checked):
 def outline_pieces(
     mesh: Mesh, edges: MeshEdges, grid: RayGrid, caster: Caster, max_pairs: int | None = None
 ) -> OutlinePieces:
-    """The outline of the nearest layer, with a gradient in where it is and in the depths beside it.
+    """The outline of the nearest layer, with a gradient in where it is and in the depths next to it.
 
     Two programs are compiled: one finds pieces, without a gradient; one computes them again, with it. Arguments, limits
     and errors are those of `coverage_planes`.
@@ -172,7 +172,7 @@ def _plane_depth(mesh: Mesh, rays: Rays, face: Int[Array, "n"]) -> Float[Array, 
     missed = face < 0
     offsets = mesh.triangles()[jnp.where(missed, 0, face)] - rays.origins[:, None]
     depths = dot(offsets, jnp.broadcast_to(rays.directions[:, None], offsets.shape))
-    # From beside the triangle, which keeps digits; the step has no gradient of its own.
+    # From next to the triangle, which keeps digits; the step has no gradient of its own.
     step = lax.stop_gradient(depths[:, 0])
     a, b, c = jnp.moveaxis(offsets - (step[:, None] * rays.directions)[:, None], 1, 0)
     normal = jnp.cross(b - a, c - a)

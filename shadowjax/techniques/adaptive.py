@@ -29,7 +29,7 @@ from shadowjax.rays.ray_grid import RayGrid, camera_grid
 from shadowjax.techniques.base import Shadows, Technique
 
 TESTS = ("depth", "id", "hybrid")
-# A plane that the light grazes at less than a thousandth has no depth to follow: texels beside it say nothing.
+# A plane that the light grazes at less than a thousandth has no depth to follow: texels next to it say nothing.
 STEEPEST = 1000.0
 
 
@@ -49,7 +49,7 @@ class AdaptiveShadowMapping(Technique):
         texels_per_pixel: Texels asked for along a pixel, > 0.
         test: "depth"; "id", lit where the texel sees the receiver's own polygon; "hybrid", lit where either says so.
             Ids need receivers of known triangle (`visibility_of`): the hybrid takes depth alone where it is unknown.
-        bias: Depth the test forgives; "slope" and "texel" count texels of the tile that is read.
+        bias: Depth tolerance of the test; "slope" and "texel" count texels of the tile that is read.
         levels_per_step: Most levels that one refinement of a cell goes down, ≥ 1.
         max_steps: Most steps while building, ≥ 0.
         per_texel: a of the cost a·N_required + b.
@@ -198,7 +198,7 @@ class AdaptiveShadows(Shadows):
         mesh: What the tiles see.
         polygons: Polygon of each triangle.
         map: The tiles.
-        bias: Depth the test forgives.
+        bias: Depth tolerance of the test.
     """
 
     technique: AdaptiveShadowMapping

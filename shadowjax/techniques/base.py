@@ -40,7 +40,7 @@ class Shadows(Checked):
         """Bytes of all stored planes."""
 
     def volume_bytes(self, num_samples: int) -> int:
-        """Bytes kept in place of a map: shadow volumes, and a stencil buffer of so many samples of a picture."""
+        """Memory used instead of a shadow map: volume geometry plus a stencil buffer of `num_samples`."""
         del num_samples
         return 0
 

@@ -11,7 +11,7 @@ from shadowjax.techniques.base import Shadows, Technique
 
 
 class Exact(Technique):
-    """The truth: a shadow ray for every point, no map and no bias.
+    """The reference: a shadow ray for every point, no map and no bias.
 
     With the `GridCaster` caster this is an alias-free shadow map: points are put into cells of the light's plane and
     triangles are drawn over them, which gives the same answers without a traced ray.

@@ -36,8 +36,8 @@ class ShadowMapping(Technique):
         resolution: Texels along each side of every map, ≥ 1.
         partition: Regions of the light's plane, and the warp of each.
         caster: Fills the maps.
-        bias: Depth the test forgives; None takes the least slope bias that frees a plane of acne for this filter, and
-            none for layers behind the first.
+        bias: Depth tolerance of the test; None takes the smallest slope-scaled bias that removes shadow acne on planes
+            for this filter, and none for layers behind the first.
         layer: Which depth each ray keeps: "first"; "second", the next surface; "back", the first surface met from
             behind, which is the second of closed bodies; "midpoint" of the first and the second.
         coverage: Whether texels that the outline of the nearest layer crosses hold codes averaged over their area
@@ -152,7 +152,7 @@ class MappedShadows(Shadows):
         camera: The view the maps were fitted to.
         maps: One map for each region.
         planes: What the filter prepared from each map.
-        bias: Depth the test forgives.
+        bias: Depth tolerance of the test.
         layer: Which depth the maps keep.
         view: The grid of an image's pixels, for filters that average over a pixel's footprint; None without an image.
     """

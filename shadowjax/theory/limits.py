@@ -109,7 +109,7 @@ def fourier_step(offset: ArrayLike, num_terms: int, damping: float = 0.0) -> Flo
 
 @checked
 def gibbs_peak(num_terms: int | None, damping: float = 0.0) -> float:
-    """Largest value of the series: how far above 1 light rings beside a shadow edge.
+    """Largest value of the series: how far above 1 light rings next to a shadow edge.
 
     Without damping the first maximum lies at t = 1/(2M), where Σ cos((2k − 1)πt) = sin(2Mπt)/(2 sin πt) has its first
     zero; for M → ∞ it is ½ + Si(π)/π. With damping the maximum is looked for between 0 and 1 − 1/(2M).

@@ -21,7 +21,7 @@ SMALL = 1e-3
 class LogarithmicWarp(Warp):
     """Logarithm along z', perspective across it: t = ln(1 + u/c)/ln(1 + W/c) and s affine in x/(1 + u/c).
 
-    With the light overhead and c = n it gives m_z = ln(f/n)/(2·tg φ_y) at every depth, the least possible maximum, and
+    With the light overhead and c = n it gives m_z = ln(f/n)/(2·tan φ_y) at every depth, the least possible maximum, and
     the m_x = 1 of a perspective shadow map. Strength is 1/c; strength 0 is the uniform map.
 
     Attributes:
@@ -128,7 +128,7 @@ def log_error_z(
     height: Float[Array, "..."] | float = 0.0,
     resolution_ratio: Float[Array, "..."] | float = 1.0,
 ) -> Float[Array, "..."]:
-    """Perspective error along z' of the logarithmic warp; ln(f/n)/(2·tg φ_y) for γ = π/2 and c = n.
+    """Perspective error along z' of the logarithmic warp; ln(f/n)/(2·tan φ_y) for γ = π/2 and c = n.
 
     Args:
         frustum: View and light.

@@ -97,13 +97,13 @@ class Shadowjax(Contestant):
 
 
 def planned_megabytes(program: jax.stages.Compiled) -> float | None:
-    """What XLA sets aside for temporaries of a compiled program, beside arguments and result, if it tells."""
+    """What XLA sets aside for temporaries of a compiled program, next to arguments and result, if it tells."""
     plan = program.memory_analysis()
     return None if plan is None else plan.temp_size_in_bytes / 1e6
 
 
 def _key(grid: RayGrid, with_face: bool) -> tuple:
-    """What a program is compiled for, beside the shape of the mesh."""
+    """What a program is compiled for, next to the shape of the mesh."""
     return type(grid.space), grid.num_rows, grid.num_cols, with_face
 
 

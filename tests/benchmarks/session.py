@@ -76,7 +76,7 @@ class Session:
             geometry: What is cast.
             view: The rays.
             calls: Work by name of contestant; the first is what ratios refer to.
-            beside: Further figures by name of contestant.
+            next to: Further figures by name of contestant.
         """
         times = interleave(calls, self.rounds)
         first = next(iter(times.values()))["median_ms"]

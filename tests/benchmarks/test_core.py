@@ -32,7 +32,7 @@ def test_brute_force_tests_per_second(soup, benchmark):
 
 @pytest.mark.parametrize("num_faces", [1 << 10, 1 << 16])
 def test_brute_force_extra_memory_stays_under_300_mb(num_faces):
-    """As XLA plans it: temporaries beside arguments and result, for a million rays and any number of triangles."""
+    """As XLA plans it: temporaries next to arguments and result, for a million rays and any number of triangles."""
     corners, faces = jnp.zeros((3 * num_faces, 3), jnp.float32), jnp.zeros((num_faces, 3), jnp.int32)
     mesh = Mesh(corners, faces, jnp.zeros((num_faces, 3), jnp.float32))
     directions, ones = jnp.ones((1 << 20, 3), jnp.float32), jnp.ones(1 << 20, jnp.float32)

@@ -1,4 +1,4 @@
-"""Time of one lookup of every smooth or wide filter beside a 3 × 3 PCF: 1024² receivers of a 1024² map, float32."""
+"""Time of one lookup of every smooth or wide filter next to a 3 × 3 PCF: 1024² receivers of a 1024² map, float32."""
 
 import equinox as eqx
 import jax

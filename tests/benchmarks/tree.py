@@ -1,4 +1,4 @@
-"""Prints processor time of the tree caster beside brute force: `python tests/benchmarks/tree.py`."""
+"""Prints processor time of the tree caster next to brute force: `python tests/benchmarks/tree.py`."""
 
 import time
 from collections.abc import Callable

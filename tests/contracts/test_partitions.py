@@ -51,7 +51,7 @@ MESH = deep_scene()
 
 
 def edge_strips():
-    """Places beside every plate's edges in its own plane, outward normals there, and distances in [-1, 1]."""
+    """Places next to every plate's edges in its own plane, outward normals there, and distances in [-1, 1]."""
     place = (np.arange(ALONG) + 0.5) / ALONG * 1.6 - 0.8
     away = (np.arange(ACROSS) + 0.5) / ACROSS * 2 - 1
     place, away = (x.reshape(-1) for x in np.meshgrid(place, away, indexing="ij"))
@@ -82,7 +82,7 @@ def is_lit(space, points):
 
 
 def beside(space, reach):
-    """Floor points whose ray to the light passes beside the edges of a plate at up to `reach` of it (plates,)."""
+    """Floor points whose ray to the light passes next to the edges of a plate at up to `reach` of it (plates,)."""
     spots = SPOTS + reach[:, None, None] * AWAY[:, None] * NORMALS
     heights = jnp.broadcast_to(jnp.asarray(HEIGHTS)[:, None], spots.shape[:2])
     return on_floor(space, jnp.stack([spots[..., 0], heights, spots[..., 1]], axis=-1))

@@ -1,4 +1,4 @@
-"""Variance maps: moments, planar term, Chebyshev's bound, light bleeding; exponential variance maps beside them."""
+"""Variance maps: moments, planar term, Chebyshev's bound, light bleeding; exponential variance maps next to them."""
 
 import equinox as eqx
 import jax
@@ -71,7 +71,7 @@ def test_planar_term_is_the_second_moment_of_a_sloped_texel():
 
 
 def test_slopes_stop_at_silhouettes():
-    """A plane's slope is exact beside a jump, and the jump itself does not count."""
+    """A plane's slope is exact next to a jump, and the jump itself does not count."""
     line = jnp.asarray([[0.0, 0.1, 0.2, 5.0, 5.2, 5.4, 5.1]])
     np.testing.assert_allclose(surface_slopes(line)[0], [[0.1, 0.1, 0.1, 0.2, 0.2, 0.0, -0.3]], atol=1e-12)
     assert float(jnp.max(jnp.abs(surface_slopes(line, 0.15)[0]))) == 0.15

@@ -50,7 +50,7 @@ LEDGER = tuple(
     )
 )  # fmt: skip
 MOST_ROWS = 40  # that a mutant is tried against, the cheapest first
-# What these modules hold beside closed forms: measurements, searches and a sort, and a constructor.
+# What these modules hold next to closed forms: measurements, searches and a sort, and a constructor.
 OTHERS = {
     "theory.cost.dependence", "theory.cost.count_build_fetches", "theory.cost.count_lookup_fetches",
     "theory.limits.measured_deviation", "theory.limits.measured_exponent", "theory.tones.tones",

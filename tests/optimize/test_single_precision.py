@@ -55,7 +55,7 @@ def test_single_precision_loses_a_hundred_thousandth_at_most(objective, section)
 
 
 def test_a_running_bound_sees_what_a_difference_of_equal_terms_loses():
-    """sin γ − tg φ·cos γ as it stands, at the angles once wrong: its bound exceeds its value, and so does no other."""
+    """sin γ − tan φ·cos γ as it stands, at the angles once wrong: its bound exceeds its value, and so does no other."""
     phi, gamma = (Running.exact(jnp.asarray(angle, jnp.float32)) for angle in ONCE_WRONG[2:])
     lost = gamma.sin() - phi.tan() * gamma.cos()
     kept = (gamma - phi).sin() / phi.cos()

@@ -54,7 +54,7 @@ def test_needles_at_grazing_incidence():
     mesh = Mesh.create(corners.reshape(-1, 3), np.arange(3 * num).reshape(-1, 3), dtype=jnp.float32)
     hit = intersect(mesh, rays, jnp.arange(num, dtype=jnp.int32))
     depth, cosine, least = on_planes(corners, rays.origins, rays.directions)
-    # In 32 bits a ray may pass beside a needle that it was aimed at.
+    # In 32 bits a ray may pass next to a needle that it was aimed at.
     counts = least > 0
     assert counts.mean() > 0.7
     assert np.quantile(cosine[counts], 0.5) < 0.02

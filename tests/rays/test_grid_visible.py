@@ -45,7 +45,7 @@ def surface(mesh: Mesh, seed: int = 0):
 
 
 def assert_same(mesh, space, points, normals) -> np.ndarray:
-    """Both agree, but for points which brute force itself judges otherwise within a few roundings beside them."""
+    """Both agree, but for points which brute force itself judges otherwise within a few roundings next to them."""
     shape = points.shape[:-1]
     got = np.asarray(jitted_grid(mesh, space, points, normals))
     flat = points.reshape(-1, 3)
@@ -130,7 +130,7 @@ def test_one_point_and_many_lights_at_once():
     dtype = jnp.float32
     mesh = plate_over_plane(dtype)
     point = jnp.asarray([[0.5, 0.0, 0.5]], dtype)
-    # Above the plate; beside it; between plate and floor; behind a light no ray arrives and so none is blocked.
+    # Above the plate; next to it; between plate and floor; behind a light no ray arrives and so none is blocked.
     positions = jnp.asarray([[0.0, 4, 0], [6.0, 2, 0], [0.5, 0.5, 0.5], [0.0, -4, 0]], dtype)
     frame = jnp.asarray([[1.0, 0, 0], [0, 0, -1], [0, -1, 0]], dtype)
 

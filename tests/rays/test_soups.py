@@ -88,7 +88,7 @@ def plane_depth(
     offset = corners - origin
     normal = np.cross(offset[:, 1] - offset[:, 0], offset[:, 2] - offset[:, 0])
     across = normal @ direction
-    # Without area, or seen edge-on, a triangle has no such depth; its edges then lie beside the ray.
+    # Without area, or seen edge-on, a triangle has no such depth; its edges then lie next to the ray.
     solid = across != 0
     safe = np.where(solid, across, 1)
     along = offset @ direction
@@ -246,7 +246,7 @@ def test_the_grid_caster_is_brute_force_and_its_shadows_are_true(
         SIDE,
         SIDE,
     )
-    # Points on triangles, others anywhere, and some that see the light just beside an edge.
+    # Points on triangles, others anywhere, and some that see the light just next to an edge.
     share = rng.dirichlet([1, 1, 1], NUM_RAYS)
     points = np.einsum("nk,nkd->nd", share, corners[rng.integers(NUM_FACES, size=NUM_RAYS)].astype(float))
     anywhere = rng.uniform(size=NUM_RAYS) < 0.3

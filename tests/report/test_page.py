@@ -59,7 +59,7 @@ def test_page_is_well_formed_and_stands_alone(html):
 
 
 def test_page_shows_every_part(findings, html):
-    for title in ("Two views", "Techniques beside the exact", "Comparison", "Tones", "Cost", "Equations", "Machine"):
+    for title in ("Two views", "Techniques next to the exact", "Comparison", "Tones", "Cost", "Equations", "Machine"):
         assert title in html
     for name in findings.settings.techniques:
         assert f"<h3>{name}</h3>" in html

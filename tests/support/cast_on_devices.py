@@ -25,7 +25,7 @@ from shadowjax.rays.sharded import (
 
 
 def view(shift: float, cols: int = 12) -> RayGrid:
-    """A small view of the soup, from a little beside the last one."""
+    """A small view of the soup, from a little next to the last one."""
     box = Box(jnp.full(2, -0.4, jnp.float32), jnp.full(2, 0.4, jnp.float32))
     space = PerspectiveSpace(jnp.asarray([shift, 0.1, -3.0], jnp.float32), jnp.eye(3, dtype=jnp.float32))
     return RayGrid(space, box, jnp.asarray(9.0, jnp.float32), 8, cols)

@@ -1,4 +1,4 @@
-"""Limits of filters: each prediction beside its measurement, and beside the figures in use."""
+"""Limits of filters: each prediction next to its measurement, and next to the figures in use."""
 
 import jax
 import jax.numpy as jnp

@@ -30,7 +30,7 @@ def view(gamma):
 
 
 def test_strength_leaves_the_uniform_map_along_a_straight_line():
-    """γ → 0: 1/n' = γ·(f − n)/b² + O(γ²) with b = f·tg φ, in value and in slope. No jump, no kink, no NaN."""
+    """γ → 0: 1/n' = γ·(f − n)/b² + O(γ²) with b = f·tan φ, in value and in slope. No jump, no kink, no NaN."""
     gamma = 10.0 ** jnp.arange(-9.0, -3.0)
     strength = lambda g: 1 / minimax(view(g))  # noqa: E731
     rate = (FAR - NEAR) / (FAR * np.tan(PHI)) ** 2

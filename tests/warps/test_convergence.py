@@ -18,7 +18,7 @@ from shadowjax.warps.perspective import PerspectiveWarp
 MESH, CAMERA, LIGHT = plate_over_plane(), above(), lights()["directional"]
 ALONG, ACROSS = 400, 32
 RESOLUTIONS = (192, 384, 768)
-REACH = 40.0  # half width of the strips beside the edges over 1/resolution, metres
+REACH = 40.0  # half width of the strips next to the edges over 1/resolution, metres
 
 
 def edge_points():
@@ -56,7 +56,7 @@ def warps():
 
 @eqx.filter_jit
 def wrong_areas(warp, resolution):
-    """Area beside the edges that a map of one warp gets wrong, measured and predicted.
+    """Area next to the edges that a map of one warp gets wrong, measured and predicted.
 
     A point reads the texel whose centre lies within half a texel of it, evenly spread, so it is wrong at a distance
     from the edge with the chance that this offset reaches over it: for texels that span A ≥ B across the edge the wrong
@@ -88,7 +88,7 @@ def areas():
 def test_wrong_area_is_what_the_texels_predict_and_halves_with_them(areas, name):
     kind, index = (1, 0) if name == "logarithmic" else (0, list(NEAR_DISTANCES).index(name))
     measured, predicted, reach = (np.asarray([size[kind][i][index] for size in areas]) for i in range(3))
-    assert (reach < REACH / np.asarray(RESOLUTIONS)).all()  # nothing wrong lies beside the strips
+    assert (reach < REACH / np.asarray(RESOLUTIONS)).all()  # nothing wrong lies next to the strips
     # phases of the staircase and the four corners add what is of second order in the texels
     assert (np.abs(measured / predicted - 1) < 3 * reach).all()
     np.testing.assert_allclose(predicted[:-1] / predicted[1:], 2, rtol=2e-3)

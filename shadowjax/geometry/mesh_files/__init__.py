@@ -44,7 +44,7 @@ _NO_TRIANGLES = (".dxf", ".pcd", ".svg", ".xyz")
 # Farther from zero than this many extents, a file is moved to its own lower corner: 32 bits would
 # lose more than four of their 24 digits.
 FAR = 16.0
-# Triangles with less of the squared extent have no area worth the name; casters pass through them.
+# Triangles with less of the squared extent are degenerate; casters pass through them.
 _NO_AREA = 1e-12
 
 
@@ -90,7 +90,7 @@ def load(path: str | Path, dtype: Any = None) -> Mesh:
             mesh = _mesh(vertices, faces, colors, dtype)
         except MemoryError as error:
             raise ValueError(f"{path} cannot be read as a mesh: it needs more memory than there is") from error
-        except Exception as error:  # readers of strangers' files raise everything; each means one thing to the user
+        except Exception as error:  # third-party loaders raise arbitrary exceptions; each means one thing to the user
             reason = f"{error}" if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
             raise ValueError(_line(f"{path} cannot be read as a mesh: {reason}", said)) from error
     notes = list(dict.fromkeys(reading.notes))

@@ -31,7 +31,7 @@ class Place(ABC):
         self._bytes = 0
 
     def read(self, name: str) -> bytes:
-        """The whole content of a file beside the mesh file.
+        """The whole content of a file next to the mesh file.
 
         Args:
             name: As the mesh file writes it: a relative path, with slashes of either kind.
@@ -45,7 +45,7 @@ class Place(ABC):
         head = cleaned.split("/")[0]
         require(
             ":" not in head or len(head) == 2,  # a drive's letter is a path, all else before a colon is a scheme
-            f"it names {name!r}: addresses are not followed; put the file beside the mesh and name it so",
+            f"it names {name!r}: addresses are not followed; put the file next to the mesh and name it so",
         )
         data = self._content(cleaned)
         self._bytes += len(data)
@@ -68,7 +68,7 @@ class Folder(Place):
         self._folder = folder.resolve()
 
     def _content(self, name: str) -> bytes:
-        # Exporters write the paths of the machine they ran on: the file beside the mesh is meant.
+        # Exporters write the paths of the machine they ran on: the file next to the mesh is meant.
         for candidate in (name, PurePosixPath(name).name):
             try:
                 path = (self._folder / candidate).resolve()
@@ -81,7 +81,7 @@ class Folder(Place):
             outside = not (self._folder / name).resolve().is_relative_to(self._folder)
         except (OSError, RuntimeError):
             outside = True
-        require(not outside, f"it names {name!r}, outside its own folder; put the file beside the mesh and name it so")
+        require(not outside, f"it names {name!r}, outside its own folder; put the file next to the mesh and name it so")
         raise Missing(f"{name} is missing")
 
 

@@ -84,7 +84,7 @@ def _visibility_from_bound(inputs: Inputs) -> float:
 
 
 def _lit_share(inputs: Inputs) -> float:
-    """What is left of the whole beside the occluders before the receiver."""
+    """What is left of the whole besides the occluders before the receiver."""
     weights, depths = occluders(inputs)
     return 1 - sum(w for w, z in zip(weights, depths, strict=True) if inputs.number("d") > z)
 

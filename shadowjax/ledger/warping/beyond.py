@@ -151,13 +151,13 @@ def _penalty_matrix(i: Inputs) -> float:
 
 
 def _switch(i: Inputs) -> float:
-    """γ below which the near plane alone decides the minimax, in degrees, from a quadratic in tg γ."""
+    """γ below which the near plane alone decides the minimax, in degrees, from a quadratic in tan γ."""
     view = frustum(i, 90.0)
     n, f, tan = (float(x) for x in (view.near, view.far, view.tan_y))
     a, b, length, mean = n * tan, f * tan, f - n, math.sqrt(n * f)
     if i.text("section") == "onaxis":
         return math.degrees(math.atan(tan / math.sqrt((1 - n / f) * (1 + math.sqrt(n / f)))))
-    # E·W = q·(W − 2E) with E = a + b − L·u, W = 2b, q = (√(fn) + f)u + (√(fn) − f)·tg φ, u = tg γ
+    # E·W = q·(W − 2E) with E = a + b − L·u, W = 2b, q = (√(fn) + f)u + (√(fn) − f)·tan φ, u = tan γ
     first, second = mean + f, (mean - f) * tan
     p, q, r = length * first, length * (second + b) - a * first, -a * second - (a + b) * b
     return math.degrees(math.atan((-q + math.sqrt(q * q - 4 * p * r)) / (2 * p)))

@@ -236,15 +236,15 @@ EQUATIONS: tuple[Equation, ...] = (
     equation(
         "Eq39.n2", "eq. 39", "n' of equal m_z at both planes, γ < φ, where positive.", _second,
         tuple({**VIEW, "gamma_deg": g} for g in (33, 32, 31)), independent=lambda i: equal_errors(frustum(i)),
-        verdict="conditional", condition="tg γ > tg φ/(1 + √(n/f)); otherwise no n' > 0 equalises.",
+        verdict="conditional", condition="tan γ > tan φ/(1 + √(n/f)); otherwise no n' > 0 equalises.",
     ),
     equation(
-        "text.n2_zero_gamma_deg", "text after eq. 39", "n'₂ vanishes at tg γ = tg φ/(1 + √(n/f)), in degrees.",
+        "text.n2_zero_gamma_deg", "text after eq. 39", "n'₂ vanishes at tan γ = tan φ/(1 + √(n/f)), in degrees.",
         _zero_of_second, ({**VIEW}, {"n": 1, "f": 4, "phi_y_deg": 45}),
         independent=lambda i: math.degrees(
             root(lambda g: _second(Inputs({**i, "gamma_deg": math.degrees(g)})), 1e-6, 1.5)),
         verdict="erratum", correction=Correction(
-            "n'₂ is negative for all γ ≤ φ", "only for tg γ < tg φ/(1 + √(n/f))",
+            "n'₂ is negative for all γ ≤ φ", "only for tan γ < tan φ/(1 + √(n/f))",
             lambda i: i.number("phi_y_deg", "phi_deg"), VIEW),
     ),
     equation(

@@ -208,7 +208,7 @@ EQUATIONS: tuple[Equation, ...] = (
             (abs(error) for error, drawn in zip(i.numbers("errors"), i["drawn"], strict=True) if drawn), default=0.0),
     ),
     equation(
-        "Eq12.wc_prime_ratio", "eq. 12 and 17", "Pixel footprint over (w_c/cos θ_c): 1/(1 − h² tg² θ_c), h = tg φ/res.",
+        "Eq12.wc_prime_ratio", "eq. 12 and 17", "Footprint over (w_c/cos θ_c): 1/(1 − h² tan² θ_c), h = tan φ/res.",
         lambda i: 1 / (1 - (math.tan(i.angle("phi_deg")) / i.number("res_cy", "res")
                             * math.tan(i.angle("theta_c_deg"))) ** 2),
         tuple({"phi_deg": 35, "theta_c_deg": t, "res_cy": r, "z0": 7} for t, r in ((0, 64), (45, 64), (80, 512), (88,
@@ -216,7 +216,7 @@ EQUATIONS: tuple[Equation, ...] = (
         measured=lambda i: _pixel_ratio(i, math.pi / 2 - i.angle("theta_c_deg")) * math.cos(i.angle("theta_c_deg")),
     ),
     *(equation(
-        f"Eq{e}.wc{axis}", f"eq. {e}", "Width of a pixel's beam on a plane parallel to the image plane: 2z tg φ/res.",
+        f"Eq{e}.wc{axis}", f"eq. {e}", "Width of a pixel's beam on a plane parallel to the image plane: 2z tan φ/res.",
         lambda i, p=f"phi_{axis}_deg": overhead.pixel_width(number(i, "z"), jnp.asarray(i.angle(p, "phi_deg")),
         i.number("res")),
         ({f"phi_{axis}_deg": 37, "res": 300, "z": 4.5},),
@@ -248,10 +248,10 @@ EQUATIONS: tuple[Equation, ...] = (
         "Eq20.s", "eq. 20 and 22", "s of a point with the light overhead.",
         lambda i: overhead.overhead_s(frustum(i), number(i, "nprime"), number(i, "x"), number(i, "z")), MAPS,
         independent=lambda i: 0.5 + i.number("x") * rates(frustum(i), i.number("nprime"), i.number("z"), True)[1][0],
-        verdict="conditional", condition="tg φ'_x = f tg φ_x/f' encloses the frustum for γ = π/2 and n' ≥ n only.",
+        verdict="conditional", condition="tan φ'_x = f tan φ_x/f' encloses the frustum for γ = π/2 and n' ≥ n only.",
     ),
     equation(
-        "Eq20.tgphix_true_over_sub", "eq. 20 and 22", "True opening of P over f tg φ_x/f'.", _opening_ratio,
+        "Eq20.tgphix_true_over_sub", "eq. 20 and 22", "True opening of P over f tan φ_x/f'.", _opening_ratio,
         tuple({**VIEW, "gamma_deg": g, "nprime": q} for g, q in ((90, 7), (90, 0.3), (60, 6), (40, 3), (20, 15))),
         independent=_opening_corners,
     ),

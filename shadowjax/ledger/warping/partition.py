@@ -77,7 +77,7 @@ def _log_storage(i: Inputs):
     z = near * (far / near) ** jnp.linspace(0, 1, 9)
     rates = _log_warp(i).inverse_spacing(jnp.stack([0 * z, z], axis=-1))
     along = 1 / (rates[:, 1, 1] * 2 * z * math.tan(i.angle("phi_y_deg", "phi_deg")))
-    across = 1 / (rates[:, 0, 0] * 2 * z)  # its sides are ±z, so that tg φ_x = 1
+    across = 1 / (rates[:, 0, 0] * 2 * z)  # its sides are ±z, so that tan φ_x = 1
     return jnp.max(along) * jnp.max(across)
 
 
@@ -218,7 +218,7 @@ EQUATIONS: tuple[Equation, ...] = (
         measured=lambda i: _log_warp(i).forward(jnp.asarray([0.0, i.number("z")]))[1],
     ),
     equation(
-        "Eq49.mz_log", "eq. 45 and 49", "m_z of the logarithmic map is ln(f/n)/(2 tg φ) at every depth.",
+        "Eq49.mz_log", "eq. 45 and 49", "m_z of the logarithmic map is ln(f/n)/(2 tan φ) at every depth.",
         lambda i: log_error_z(frustum(i), number(i, "n"), number(i, "z"), resolution_ratio=ratio(i)),
         tuple({**VIEW, "z": z} for z in (0.7, 4, 53)), independent=_log_error,
     ),
@@ -236,7 +236,7 @@ EQUATIONS: tuple[Equation, ...] = (
         pattern=rf"warping\.Eq51\.S_ZP(?P<k>\d+)_(?P<kind>{kind})",
     ) for kind in ("uniform", "LiSPSM")),
     equation(
-        "Eq52.S_LogSM", "eq. 52", "S of the logarithmic map, the limit of many slices: ln(f/n)/(2 tg φ).",
+        "Eq52.S_LogSM", "eq. 52", "S of the logarithmic map, the limit of many slices: ln(f/n)/(2 tan φ).",
         lambda i: storage.storage_logarithmic(frustum(i)), (VIEW, {"n": 1, "f": 1000, "phi_y_deg": 20}),
         independent=_log_storage,
     ),

@@ -104,7 +104,7 @@ def rates(view: LightFrustum, near_distance: Any, depth: Any, substituted: bool 
         view: One frustum.
         near_distance: n'.
         depth: Depths, one or many.
-        substituted: Whether P's opening is f·tg φ_x/f', as the source writes, and not the smallest.
+        substituted: Whether P's opening is f·tan φ_x/f', as the source writes, and not the smallest.
     """
     near_distance = jnp.asarray(near_distance, dtype=view.near.dtype)
     depth = jnp.atleast_1d(jnp.asarray(depth, dtype=view.near.dtype))

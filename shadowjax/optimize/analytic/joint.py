@@ -393,7 +393,7 @@ def _exact(v: np.ndarray, args: tuple[Any, ...]) -> tuple[np.ndarray, float, flo
 
 
 def _settled(v: np.ndarray, *args: Any) -> _Point:
-    """The stationary point beside the end of a search: Newton's method on the conditions of its active constraints.
+    """The stationary point next to the end of a search: Newton's method on the conditions of its active constraints.
 
     A constraint nearly met counts as active if it is needed to balance the objective's slope. Where the point that
     this leads to breaks a constraint or needs a negative multiplier, the search's own end stands.
@@ -453,7 +453,7 @@ def _all_reports(views: LightFrustum, limits: Array, points: _Point, kind: _Kind
 
 _REFUSED = (
     "planes and near distances have no derivative here: the search has not converged, or equally good ones lie "
-    "beside them; see the certificate, move the view a little, or differentiate another objective"
+    "next to them; see the certificate, move the view a little, or differentiate another objective"
 )
 
 

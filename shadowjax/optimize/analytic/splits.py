@@ -230,9 +230,9 @@ def splits(
 
     Equal ratios are best for the maximum of a storage that rises with the slice, and for the sum wherever storage is
     convex in ln(f/n): for uniform maps, and for all warps with the light overhead. Else there are exceptions. With the
-    source's eq. 42 and 44 narrow slices fall below their own γ_lim, so slices just wide enough to stay above it, beside
-    one narrow one, can need less. With minimax and least-storage n' likewise, at the ratio where a slice changes from
-    a uniform to a warped map, or from one formula of n' to the other.
+    source's eq. 42 and 44 narrow slices fall below their own γ_lim, so slices just wide enough to stay above it, next
+    to one narrow one, can need less. With minimax and least-storage n' likewise, at the ratio where a slice changes
+    from a uniform to a warped map, or from one formula of n' to the other.
 
     Args:
         near: Depth n, world units, > 0.

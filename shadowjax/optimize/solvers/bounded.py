@@ -57,7 +57,7 @@ def minimise_multistart(
 ) -> BoundedMinimum:
     """Limited-memory BFGS within bounds, from every start.
 
-    All starts are used: a landscape with several valleys is told by how many of them reach the best.
+    All starts are used: multimodality shows in how many of them reach the best loss.
 
     Args:
         value_and_slope: Parameters → loss and its slope.

@@ -1,4 +1,4 @@
-"""Vertices moved by descent on pictures: steps are spread over the mesh, and the end is told."""
+"""Gradient descent on mesh vertices with Laplacian-preconditioned steps."""
 
 import math
 from collections.abc import Callable
@@ -22,7 +22,7 @@ class Descent(Checked):
     Attributes:
         losses: Of every step, and after the last.
         vertices: Of every step, and after the last; (steps + 1) × vertices × 3.
-        others: What the function gave beside loss and slope, of every step and after the last.
+        others: What the function gave next to loss and slope, of every step and after the last.
         finite: Whether all losses and slopes were finite; the descent stops at the first that is not.
         converged: Whether the loss is as small as asked for, or the last tenth of the steps hardly changed it,
             were they as long as the first.

@@ -1,4 +1,4 @@
-"""The bias of least error over a scene: every kind by search, beside the default that theory gives."""
+"""The bias of least error over a scene: every kind by search, next to the default that theory gives."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -31,7 +31,7 @@ class BestBias:
         unit: "world", "texel", "slope", or "normal" for a normal offset in texels times the sine of incidence.
         value: The best value found, in that unit.
         error: Root mean squared error over all scenes there.
-        default_error: That of the default: the least slope bias that frees planes of acne.
+        default_error: That of the default: the smallest slope-scaled bias that removes shadow acne on planes.
         default_slope: The default, texels of slope.
         no_bias_error: That of no bias at all.
         needed_slope: Slope bias that 99 % of the lit receivers need, measured, the largest over the scenes.

@@ -142,7 +142,7 @@ class ExpectedError(Checked):
             finer: How many times as many the fine map has, ≥ 2.
             num_placements: Places of each receiver inside its texel, ≥ 1.
             softness: Depth over which a test is softened, in texels of slope at the default settings, > 0.
-            sun_radius: Of the sun's disc, radians: the truth is the mean over its directions. 0 for sharp shadows.
+            sun_radius: Of the sun's disc, radians: the reference is the mean over its directions. 0 for sharp shadows.
             caster: Traces all rays; the default caster if None.
 
         Raises:

@@ -108,7 +108,7 @@ def _log(value: Array) -> Array:
 
 
 def _slope(function: Any, place: Array, side: int) -> Array:
-    """Derivative just beside a place."""
+    """Derivative just next to a place."""
     beside = jnp.clip(place + side * float(jnp.finfo(place.dtype).eps) ** 0.5, 0.0, 1 - 1e-6)
     return jax.jvp(function, (beside,), (jnp.ones_like(beside),))[1]
 

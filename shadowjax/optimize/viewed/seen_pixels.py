@@ -2,7 +2,7 @@
 
 A texel of a perspective warp covers m = m_x·m_z pixels of the image where, with κ = 1/n' and u a pixel's offset,
 
-    m = w(κ)·W/(1 + Wκ)/(4·tg φ_x·tg φ_y) · (1 + uκ)³/z²,
+    m = w(κ)·W/(1 + Wκ)/(4·tan φ_x·tan φ_y) · (1 + uκ)³/z²,
 
 and w is the width of the warp's trapezium around the frustum's eight corners, whatever the camera's roll. Its sum over
 any set of pixels is a cubic in κ whose coefficients are four moments Σ weight·u^j/z²; running sums of them over depth
@@ -57,7 +57,7 @@ def seen_pixels(surface: Surface, camera: Camera, light: Light, projection: bool
         surface: From `shading.trace_surface`.
         camera: The camera that saw it.
         light: A directional light.
-        projection: Whether a pixel counts with its projection error cos θ_c/cos θ_l, up to 16, beside 1/cos α of its
+        projection: Whether a pixel counts with its projection error cos θ_c/cos θ_l, up to 16, next to 1/cos α of its
             view angle; then the mean is that of all aliasing, else of its perspective part.
 
     Raises:
@@ -96,7 +96,7 @@ class Chart(NamedTuple):
         extent: W.
         along: Offsets of the eight corners above the lowest.
         across: Their distance from the middle of the corners.
-        pixel: 4·tg φ_x·tg φ_y, the image plane's area at distance 1.
+        pixel: 4·tan φ_x·tan φ_y, the image plane's area at distance 1.
     """
 
     lowest: Array

@@ -24,7 +24,7 @@ CANDIDATES = ("ranks", "cells")
 @checked
 @dataclass(frozen=True)
 class BestDepths:
-    """The extra depths of least error, and the published choices beside them.
+    """The extra depths of least error, and the published choices next to them.
 
     Attributes:
         candidates: "ranks" (order statistics of the 3 × 3 neighbourhood) or "cells" (its eight neighbours).

@@ -1,4 +1,4 @@
-"""Which tile lies in which slot of a fixed memory: last use, benefit, and who has to leave for a new tile."""
+"""Slots of a fixed tile memory: last use, benefit, and LRU eviction by benefit."""
 
 from typing import NamedTuple
 

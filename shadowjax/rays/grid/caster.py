@@ -65,7 +65,8 @@ class GridCaster(Caster):
         return intersect(mesh, grid.rays(), face)
 
     def closest_beyond_on_grid(self, mesh: Mesh, grid: RayGrid, start_depth: Float[Array, "rows cols"]) -> Hit:
-        """First hit of every ray from a depth of its own on; see `Caster`. Triangles are drawn with a floor: no tree.
+        """First hit of every ray from a depth of its own on; see `Caster`. Depth peeling by a minimum depth per ray; no
+        tree is built.
 
         The depth that is compared with the start is that of `depth_on_grid`.
         """

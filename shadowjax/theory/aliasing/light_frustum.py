@@ -81,12 +81,12 @@ class LightFrustum(Checked):
 
     @property
     def tilt(self) -> Float[Array, "..."]:
-        """tg φ_y · cos γ: how far z' moves for a unit of depth from the view axis to the frustum's top edge."""
+        """tan φ_y · cos γ: how far z' moves for a unit of depth from the view axis to the frustum's top edge."""
         return self.tan_y * jnp.cos(self.gamma)
 
     @property
     def low_slope(self) -> Float[Array, "..."]:
-        """sin γ − tg φ_y·cos γ: how far z' moves for a unit of depth along the frustum's lower edge.
+        """sin γ − tan φ_y·cos γ: how far z' moves for a unit of depth along the frustum's lower edge.
 
         From the angles, sin(γ − φ_y)/cos φ_y: near γ = φ_y the two terms lose all their digits to each other.
         """
@@ -167,7 +167,7 @@ class LightFrustum(Checked):
         Args:
             strength: 1/n', per world unit; 0 is the uniform map.
 
-        Source: n'·tg φ'_x of warping, eq. 20, with the true opening instead of f·tg φ_x/f'.
+        Source: n'·tan φ'_x of warping, eq. 20, with the true opening instead of f·tan φ_x/f'.
         """
         near, far = self.near / (1 + strength * self.low_near), self.far / (1 + strength * self.low_far)
         return self.tan_x * larger(near, far)

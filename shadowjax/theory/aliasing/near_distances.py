@@ -52,9 +52,9 @@ def equalising(frustum: LightFrustum, section: Section = "axis") -> Float[Array,
     """The n' that makes the z error equal at near and far plane; not positive where none does.
 
     With the worst line's offset E + g·(z − n), equality of (n' + offset)²/z at both planes gives
-    n' = (n + √(fn))·g − E; with e = sin γ − tg φ·cos γ of the lower edge that is √(fn)·g + e·n, or e·f where e < 0,
+    n' = (n + √(fn))·g − E; with e = sin γ − tan φ·cos γ of the lower edge that is √(fn)·g + e·n, or e·f where e < 0,
     which keeps its digits. On the axis this is the source's n'₁ for γ ≥ φ and n'₂ below. It turns negative only for
-    tg γ < tg φ/(1 + √(n/f)), not for all γ ≤ φ as the source says.
+    tan γ < tan φ/(1 + √(n/f)), not for all γ ≤ φ as the source says.
 
     Source: warping, eq. 39 (whose first line must read m_z).
     """
@@ -124,7 +124,7 @@ def faded(frustum: LightFrustum, fade: Fade = "squared") -> Float[Array, "..."]:
     """
     require_choice(fade, "fade", FADES)
     limit, near, far = frustum.gamma_limit, frustum.near, frustum.far
-    # (n + √(fn))·sin γ_lim − n·tg φ·cos γ_lim with tg γ_lim put in, which leaves sums of positive terms
+    # (n + √(fn))·sin γ_lim − n·tan φ·cos γ_lim with tan γ_lim put in, which leaves sums of positive terms
     at_limit = frustum.tan_y * jnp.cos(limit) * (2 * near * near + mean_depth(frustum) * (far + near)) / (far - near)
     return frustum.ratio(at_limit, FADES[fade](frustum.gamma, limit))
 

@@ -32,7 +32,7 @@ def minimax(frustum: LightFrustum, section: Section = "axis") -> Float[Array, ".
 
     max(equalising n', near-branch minimum): the equalising one is the optimum while the near branch still falls there.
     On the axis it is the source's n'(γ) for all γ ≥ γ_lim; below, it reaches ∞ like 1/γ without an ad-hoc fade. Over
-    the whole section it is the uniform map for tg γ ≤ n·tg φ/(f − n).
+    the whole section it is the uniform map for tan γ ≤ n·tan φ/(f − n).
 
     Args:
         frustum: View and light.
@@ -92,9 +92,9 @@ def balanced(
 ) -> Float[Array, "..."]:
     """The n' of least max(M_x, M_z) at given resolutions, for any γ; the uniform map where nothing beats it.
 
-    M_z falls up to its own minimax n' and rises beyond. For o > E, M_x rises from q = n(sin γ − tg φ cos γ) on: the
+    M_z falls up to its own minimax n' and rises beyond. For o > E, M_x rises from q = n(sin γ − tan φ cos γ) on: the
     optimum is one of the two ends or the crossing between them, the root of a cubic (for γ = π/2 it is
-    n'/(n' + f − n) = √(n(f − n)/(2·tg φ_y)·ratio_z/ratio_x)/f). For o ≤ E, M_x falls everywhere: the optimum is M_z's
+    n'/(n' + f − n) = √(n(f − n)/(2·tan φ_y)·ratio_z/ratio_x)/f). For o ≤ E, M_x falls everywhere: the optimum is M_z's
     own, or the crossing beyond it, the root of a quadratic, or the uniform map.
 
     Args:

@@ -18,7 +18,7 @@ Numbers = Float[Array, "..."]
 
 @checked
 def pixel_width(depth: Numbers, half_angle: Numbers, resolution: Numbers | float) -> Numbers:
-    """Width of a pixel's beam at a depth, on a plane parallel to the image plane: 2z·tg φ/res.
+    """Width of a pixel's beam at a depth, on a plane parallel to the image plane: 2z·tan φ/res.
 
     Exact there; as a thickness *across* the beam it is exact on the view axis only, and too large by 1/cos α at the
     view angle α.
@@ -64,7 +64,7 @@ def l_infinity(error: Numbers, valid: Bool[Array, "..."] | bool = True) -> Float
 
 @checked
 def overhead_s(frustum: LightFrustum, near_distance: Numbers, x: Numbers, depth: Numbers) -> Numbers:
-    """s of a point on the plane of the view axis, with tg φ'_x = f·tg φ_x/f'.
+    """s of a point on the plane of the view axis, with tan φ'_x = f·tan φ_x/f'.
 
     Source: warping, eq. 20 and 22; encloses the frustum for γ = π/2 and n' ≥ n only.
     """

@@ -14,7 +14,7 @@ HALVINGS = 80  # of a bracket of at most a thousand units: finer than the spacin
 
 _NOT_UNIQUE = (
     "an optimum has no derivative here: its condition does not change along the variable, so equally good optima lie "
-    "beside it; differentiate its objective instead, or move the view a little"
+    "next to it; differentiate its objective instead, or move the view a little"
 )
 
 

@@ -17,7 +17,7 @@ Rule = Callable[[LightFrustum], Numbers]
 
 @checked
 def overhead_storage(frustum: LightFrustum, near_distance: Numbers) -> Numbers:
-    """S with the light overhead: (f/n − 1)/(2·tg φ_y), for every n' from n to n + √(fn); larger beyond.
+    """S with the light overhead: (f/n − 1)/(2·tan φ_y), for every n' from n to n + √(fn); larger beyond.
 
     Source: warping, eq. 31.
     """
@@ -49,7 +49,7 @@ def critical_resolution(
 
 @checked
 def storage_z_partitions(frustum: LightFrustum, num_partitions: Numbers | float, warped: bool = True) -> Numbers:
-    """S of k similar slices with the light overhead: k(q − 1)/(2·tg φ_y), times q for uniform maps; q = (f/n)^(1/k).
+    """S of k similar slices with the light overhead: k(q − 1)/(2·tan φ_y), times q for uniform maps; q = (f/n)^(1/k).
 
     Args:
         frustum: The view; its γ is not used.
@@ -65,7 +65,7 @@ def storage_z_partitions(frustum: LightFrustum, num_partitions: Numbers | float,
 
 @checked
 def storage_logarithmic(frustum: LightFrustum) -> Numbers:
-    """S of the logarithmic map with the light overhead, the limit of k → ∞ slices: ln(f/n)/(2·tg φ_y).
+    """S of the logarithmic map with the light overhead, the limit of k → ∞ slices: ln(f/n)/(2·tan φ_y).
 
     Source: warping, eq. 52.
     """
@@ -157,13 +157,13 @@ def seam_jumps(
 
 @checked
 def partitions_needed(ratio: Numbers, storage: Numbers) -> Numbers:
-    """Fewest warped slices, the light overhead, whose summed storage 2·tg φ_y·S is at most a bound above ln(f/n).
+    """Fewest warped slices, the light overhead, whose summed storage 2·tan φ_y·S is at most a bound above ln(f/n).
 
     k(r^(1/k) − 1) falls with k towards ln r, so the smallest whole k is found by counting up to 64.
 
     Args:
         ratio: f/n.
-        storage: Bound on 2·tg φ_y·S; 65 comes back where 64 slices are too few.
+        storage: Bound on 2·tan φ_y·S; 65 comes back where 64 slices are too few.
     """
     k = jnp.arange(1, 65, dtype=ratio.dtype)
     enough = k * jnp.expm1(jnp.log(ratio)[..., None] / k) <= storage[..., None]

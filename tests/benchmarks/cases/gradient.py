@@ -1,4 +1,4 @@
-"""One gradient step: the derivative of a depth loss with respect to all vertices, beside the loss alone."""
+"""One gradient step: the derivative of a depth loss with respect to all vertices, next to the loss alone."""
 
 import equinox as eqx
 import jax

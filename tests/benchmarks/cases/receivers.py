@@ -10,7 +10,7 @@ from tests.benchmarks.ours import Shadowjax
 from tests.benchmarks.scenes import Geometry, View, view
 from tests.benchmarks.session import Session
 
-# The camera looks from beside the light, so that it sees shadows.
+# The camera looks from next to the light, so that it sees shadows.
 STEPS_ASIDE = 60
 
 

@@ -1,4 +1,4 @@
-"""One gradient step through a shadow picture: all vertices of 20 k triangles at 256², beside the picture alone.
+"""One gradient step through a shadow picture: all vertices of 20 k triangles at 256², next to the picture alone.
 
 `python -m tests.benchmarks.cases.shadow_gradient`. It stands apart from the session of all cases: it compiles for
 longer than all of them, and no other program in the session does the same.

@@ -15,7 +15,7 @@ PEER_ROUNDINGS = 64.0
 def run(session: Session) -> None:
     """Ours from points and normals; peers get the finished shadow rays, and rasterisers have no exact test.
 
-    The time of a depth map of as many texels stands beside it, in the same rounds.
+    The time of a depth map of as many texels stands next to it, in the same rounds.
     """
     caster = session.ours[0].caster
     if type(caster).visible is Caster.visible:

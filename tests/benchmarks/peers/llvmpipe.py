@@ -27,7 +27,7 @@ void main() {}
 
 
 class Llvmpipe(Contestant):
-    """A depth-only pass into a 32-bit depth buffer; with faces, an integer colour buffer beside it.
+    """A depth-only pass into a 32-bit depth buffer; with faces, an integer colour buffer next to it.
 
     A call ends with `glFinish`; reading the picture back is another contestant.
     """
