@@ -15,6 +15,7 @@ from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.smoothing import corner_normals
 from shadowjax.rays.caster import Caster
+from shadowjax.rays.precision import warn_of_coarse_pixels
 from shadowjax.rays.ray import surface_points
 from shadowjax.rays.ray_grid import camera_grid
 from shadowjax.techniques.base import Shadows
@@ -67,7 +68,6 @@ class Material(Checked):
 
 
 @checked
-@eqx.filter_jit
 def trace_surface(
     mesh: Mesh,
     camera: Camera,
@@ -90,9 +90,22 @@ def trace_surface(
 
     Returns:
         The surface, of shape (K·height, K·width).
+
+    Warns:
+        SceneWarning: If what is seen lies so far from the origin of coordinates that rounding takes up half a pixel.
     """
     samples = require_int(samples_per_axis, "samples_per_axis", 1)
-    grid = camera_grid(camera, require_int(width, "width", 1) * samples, require_int(height, "height", 1) * samples)
+    sizes = require_int(width, "width", 1) * samples, require_int(height, "height", 1) * samples
+    surface = _traced(mesh, camera, *sizes, caster, smooth_groups)
+    warn_of_coarse_pixels(mesh, camera, height, surface.points, surface.is_seen)
+    return surface
+
+
+@eqx.filter_jit
+def _traced(
+    mesh: Mesh, camera: Camera, width: int, height: int, caster: Caster, smooth_groups: Int[Array, "faces 3"] | None
+) -> Surface:
+    grid = camera_grid(camera, width, height)
     hit = caster.closest_on_grid(mesh, grid)
     rays = grid.rays()
     seen = hit.is_hit

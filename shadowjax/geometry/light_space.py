@@ -1,7 +1,6 @@
 """Light spaces: a light's rays as points of a plane, each world point's place on it and its depth along the ray."""
 
 from abc import abstractmethod
-from typing import Any
 
 import jax.numpy as jnp
 
@@ -39,6 +38,11 @@ class LightSpace(Checked):
         origins, directions = self.ray(plane)
         return origins + depth[..., None] * directions
 
+    @property
+    @abstractmethod
+    def source(self) -> Vector3:
+        """World point from which plane positions and depths are counted: where rays start, or one of those places."""
+
     @abstractmethod
     def way_to_source(self, points: Points) -> tuple[Points, Float[Array, "*points"]]:
         """Unit direction from each point to where its ray comes from, and how far that is; finite, also at infinity."""
@@ -69,6 +73,11 @@ class DirectionalSpace(LightSpace):
         x, y, z = self.frame
         origins = self.origin + plane[..., :1] * x + plane[..., 1:] * z
         return origins, jnp.broadcast_to(-y, origins.shape)
+
+    @property
+    def source(self) -> Vector3:
+        """The origin."""
+        return self.origin
 
     def way_to_source(self, points: Points) -> tuple[Points, Float[Array, "*points"]]:
         """The way up, without end: what blocks parallel light need not lie behind any start of its rays."""
@@ -102,6 +111,11 @@ class PerspectiveSpace(LightSpace):
         right, up, forward = self.frame
         directions = normalize(plane[..., :1] * right + plane[..., 1:] * up + forward)
         return jnp.broadcast_to(self.position, directions.shape), directions
+
+    @property
+    def source(self) -> Vector3:
+        """The position."""
+        return self.position
 
     def way_to_source(self, points: Points) -> tuple[Points, Float[Array, "*points"]]:
         """Towards the position, and the distance to it."""
@@ -137,6 +151,11 @@ class OctahedralSpace(LightSpace):
         sideways = jnp.where(height >= 0, plane, folded)
         directions = normalize(jnp.concatenate([sideways, height], axis=-1))
         return jnp.broadcast_to(self.position, directions.shape), directions
+
+    @property
+    def source(self) -> Vector3:
+        """The position."""
+        return self.position
 
     def way_to_source(self, points: Points) -> tuple[Points, Float[Array, "*points"]]:
         """Towards the position, and the distance to it."""
@@ -192,12 +211,15 @@ def farthest(space: LightSpace, lower: Vector3, upper: Vector3) -> Scalar:
         lower: Lower corner of the box, world units.
         upper: Upper corner of the box, world units.
     """
-    size = norm(upper - lower)
+    return beyond(space, lower - space.source, upper - space.source)
+
+
+@checked
+def beyond(space: LightSpace, lower: Vector3, upper: Vector3) -> Scalar:
+    """As `farthest`, of a box given by offsets of its corners from the space's `source`."""
     if isinstance(space, DirectionalSpace):
-        return dot(0.5 * (lower + upper) - space.origin, -space.frame[1]) + 0.75 * size
-    source: Any = space
-    reach = jnp.maximum(jnp.abs(lower - source.position), jnp.abs(upper - source.position))
-    return 1.01 * norm(reach)
+        return dot(0.5 * (lower + upper), -space.frame[1]) + 0.75 * norm(upper - lower)
+    return 1.01 * norm(jnp.maximum(jnp.abs(lower), jnp.abs(upper)))
 
 
 @checked

@@ -64,7 +64,7 @@ def build_shadow_map(caster: Caster, mesh: Mesh, grid: RayGrid, layer: str = "fi
     first = caster.closest_on_grid(mesh, grid)
     if layer == "first":
         return ShadowMap(grid, first.depth, first.face)
-    second = second_layer(caster, mesh, grid, first.depth)
+    second = second_layer(caster, mesh, grid, first)
     if layer == "second":
         return ShadowMap(grid, second.depth, second.face)
     return ShadowMap(grid, 0.5 * (first.depth + second.depth), first.face)

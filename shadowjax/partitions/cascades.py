@@ -12,13 +12,13 @@ from shadowjax._checks import require, require_choice, require_int, require_valu
 from shadowjax._types import Array, ArrayLike, Float, Int, Points, Scalar, as_float_array
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, Light, PointLight
-from shadowjax.geometry.light_space import farthest, light_space
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.partitions import seen_depths
 from shadowjax.partitions.base import Partition
 from shadowjax.partitions.single import SingleMap
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.grid.caster import GridCaster
+from shadowjax.rays.map_part import seen_space, starting_outside
 from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.theory.aliasing.split_rules import (
     Splits,
@@ -181,18 +181,16 @@ class Cascades(Partition):
         """
         if isinstance(light, PointLight):
             return SingleMap(self.warp).grids(mesh, light, camera, resolution)
-        lower, upper = mesh.bounds()
-        space = light_space(light, camera.forward, lower, upper)
+        space = seen_space(light, mesh, camera)
         planes = self.planes(mesh, light, camera)
         starts = jnp.concatenate([planes[:1], self._bands(planes)])
-        far = farthest(space, lower, upper)
         fit, maps = self.warp.for_slices(), []
         # at most half of a map is margin
         factor = resolution / max(resolution - 2 * self.margin, resolution / 2)
         for i in range(self.num_partitions):
             part = eqx.tree_at(lambda c: (c.near, c.far), camera, (starts[i], planes[i + 1]))
             maps.append(fit.fit(space, light, mesh, part).enlarged(factor))
-        return tuple(RayGrid(space, plane_map, far, resolution, resolution) for plane_map in maps)
+        return tuple(starting_outside(space, plane_map, mesh, resolution) for plane_map in maps)
 
     def _bands(self, planes: Splits) -> Float[Array, "cuts"]:
         """Depth at which each slice but the first begins to fade in."""

@@ -12,10 +12,11 @@ from shadowjax._checks import require, require_int
 from shadowjax._types import Array, Float, Int, Points, Vector3
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, Light, PointLight, SpotLight
-from shadowjax.geometry.light_space import PerspectiveSpace, farthest
+from shadowjax.geometry.light_space import PerspectiveSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.partitions.base import Partition
 from shadowjax.partitions.single import SingleMap
+from shadowjax.rays.map_part import starting_outside
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.warps.uniform import UniformWarp
@@ -68,10 +69,9 @@ class CubeMap(Partition):
             f"a resolution of {resolution} texels leaves nothing inside margins of {self.margin} for this filter; use "
             f"at least {2 * self.margin + 1}",
         )
-        lower, upper = mesh.bounds()
         corner = jnp.full(2, resolution / inner, mesh.vertices.dtype)
         return tuple(
-            RayGrid(space, UniformWarp(Box(-corner, corner)), farthest(space, lower, upper), resolution, resolution)
+            starting_outside(space, UniformWarp(Box(-corner, corner)), mesh, resolution)
             for space in (PerspectiveSpace(light.position, frame) for frame in face_frames(light.position.dtype))
         )
 

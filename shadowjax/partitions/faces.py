@@ -9,9 +9,10 @@ from shadowjax._numerics import dot, safe_divide
 from shadowjax._types import Array, Bool, Float, Int, Points, Scalar, Vector2
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, Light
-from shadowjax.geometry.light_space import LightSpace, farthest, light_space
+from shadowjax.geometry.light_space import LightSpace, light_space
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.partitions.base import Partition
+from shadowjax.rays.map_part import seen_space, starting_outside
 from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.warps.fit import padded, visible_range
 from shadowjax.warps.perspective import PerspectiveWarp
@@ -60,13 +61,11 @@ class FacePartition(Partition):
             isinstance(light, DirectionalLight),
             f"faces need a directional light; got {kind}: use Cascades or SingleMap",
         )
-        lower, upper = mesh.bounds()
-        space = light_space(light, camera.forward, lower, upper)
+        space = seen_space(light, mesh, camera)
         near, far = visible_range(camera, mesh) if self.tight else (camera.near, camera.far)
         applies = _applies(space, camera)
-        reach = farthest(space, lower, upper)
         warps = [face_warp(space, camera, near, far, i, applies[i]) for i in range(4)]
-        return tuple(RayGrid(space, warp, reach, resolution, resolution) for warp in warps)
+        return tuple(starting_outside(space, warp, mesh, resolution) for warp in warps)
 
     def select(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> Int[Array, "*points"]:
         """The side in whose wedge from O a point lies; the nearest one where rounding leaves it in none."""

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 from shadowjax._types import Array, Int, Points
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
-from shadowjax.geometry.light_space import farthest, light_space
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.partitions.base import Partition
+from shadowjax.rays.map_part import seen_space, starting_outside
 from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.warps.base import WarpFit
 from shadowjax.warps.uniform import UniformFit
@@ -24,10 +24,8 @@ class SingleMap(Partition):
 
     def grids(self, mesh: Mesh, light: Light, camera: Camera, resolution: int) -> tuple[RayGrid, ...]:
         """One grid around everything."""
-        lower, upper = mesh.bounds()
-        space = light_space(light, camera.forward, lower, upper)
-        plane_map = self.warp.fit(space, light, mesh, camera)
-        return (RayGrid(space, plane_map, farthest(space, lower, upper), resolution, resolution),)
+        space = seen_space(light, mesh, camera)
+        return (starting_outside(space, self.warp.fit(space, light, mesh, camera), mesh, resolution),)
 
     def select(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> Int[Array, "*points"]:
         """Region 0 for every point."""

@@ -1,5 +1,6 @@
 """Depth layers beyond the first: what a light's rays meet behind the surface they reach."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
@@ -8,29 +9,54 @@ from shadowjax._numerics import dot
 from shadowjax._types import Array, Float
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.caster import Caster
-from shadowjax.rays.ray import Hit
+from shadowjax.rays.ray import Hit, depth_rounding, orthonormal_frame
 from shadowjax.rays.ray_grid import RayGrid
 
 LAYERS = ("first", "second", "back", "midpoint")
 
 
 @checked
-def second_layer(caster: Caster, mesh: Mesh, grid: RayGrid, first_depth: Float[Array, "rows cols"]) -> Hit:
+def second_layer(caster: Caster, mesh: Mesh, grid: RayGrid, first: Hit) -> Hit:
     """The next surface behind the one that each ray of a grid meets first: one step of depth peeling.
 
-    Rays start again a few roundings behind the first hit. Any mesh will do; `back_layer` is faster for closed ones.
+    Rays start again behind the first hit by what rounding leaves unknown of that triangle (`hit_rounding`). Any mesh
+    will do; `back_layer` is faster for closed ones.
 
     Args:
         caster: Any caster.
         mesh: What was cast.
         grid: The rays.
-        first_depth: Depth of the first hit along each ray, `grid.far` for a miss.
+        first: The hit of each ray, shape (rows, cols).
 
     Returns:
         The hit, with depth from the ray's start; a miss where nothing more follows.
     """
-    start = jnp.minimum(jax.lax.stop_gradient(first_depth) + grid.depth_rounding, grid.far)
-    return caster.closest_beyond_on_grid(mesh, grid, start)
+    start = first.depth + hit_rounding(*jax.lax.stop_gradient((mesh, grid, first)))
+    return caster.closest_beyond_on_grid(mesh, grid, jnp.minimum(jax.lax.stop_gradient(start), grid.far))
+
+
+@checked
+@eqx.filter_jit
+def hit_rounding(mesh: Mesh, grid: RayGrid, hit: Hit) -> Float[Array, "rows cols"]:
+    """What rounding leaves unknown of the depth of the triangle that each ray of a grid meets; 0 for a miss.
+
+    That of the triangle's corners as offsets from the space's source (`ray.depth_rounding`): neither the scene's extent
+    nor any other triangle counts.
+
+    Args:
+        mesh: What was cast.
+        grid: The rays.
+        hit: Hits of the rays, shape (rows, cols).
+
+    Returns:
+        Distance along the ray, world units.
+    """
+    rays = grid.rays()
+    axes = (*orthonormal_frame(rays.directions), rays.directions)
+    corners = mesh.triangles()[jnp.maximum(hit.face, 0)] - grid.space.source
+    x, y, z = ((dot(corners[..., 0, :], a), dot(corners[..., 1, :], a), dot(corners[..., 2, :], a)) for a in axes)
+    doubt = depth_rounding(x, y, z)
+    return jnp.where(hit.is_hit, doubt, jnp.zeros_like(doubt))
 
 
 @checked

@@ -1,6 +1,7 @@
 """Bijections between a region of a light's plane and the unit square of a map; Box, the affine one; bands of a map."""
 
 from abc import abstractmethod
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -102,3 +103,23 @@ def affine_box(plane_map: PlaneMap) -> Box | None:
         return None
     lower, upper = plane_map.inverse(jnp.asarray([[0, 0], [1, 1]], plane_map.first_row.dtype))
     return Box(lower, upper)
+
+
+@checked
+def region_corners(plane_map: PlaneMap, dtype: Any) -> Float[Array, "4 2"]:
+    """Plane positions of the corners of the unit square, in order round it."""
+    return plane_map.inverse(jnp.asarray([[0, 0], [1, 0], [1, 1], [0, 1]], dtype))
+
+
+@checked
+def region_sides(corners: Float[Array, "4 2"]) -> Float[Array, "4 3"]:
+    """Lines (a, b, c) with a u + b v + c ≥ 0 inside a region with straight sides, given its corners; unit (a, b)."""
+    middle = jnp.mean(corners, axis=0)
+    following = jnp.roll(corners, -1, axis=0)
+    a, b = corners[:, 1] - following[:, 1], following[:, 0] - corners[:, 0]
+    # Offsets from a corner on the line, not the cross product of two positions, which cancels far from the origin.
+    c = -(a * corners[:, 0] + b * corners[:, 1])
+    towards = a * (middle[0] - corners[:, 0]) + b * (middle[1] - corners[:, 1])
+    length = jnp.sqrt(a * a + b * b)
+    scale = jnp.where(towards < 0, -1.0, 1.0).astype(length.dtype) / jnp.where(length > 0, length, 1.0)
+    return jnp.stack([a * scale, b * scale, c * scale], axis=-1)

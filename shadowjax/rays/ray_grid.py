@@ -1,5 +1,6 @@
 """A grid of coherent rays: light space, plane map and resolution; the texel of a point and the ray of a texel."""
 
+import math
 from typing import Annotated
 
 import equinox as eqx
@@ -15,8 +16,11 @@ from shadowjax.geometry.light_space import LightSpace, camera_space
 from shadowjax.rays.plane_map import Box, PlaneMap
 from shadowjax.rays.ray import Rays
 
-# How far two computations of one depth differ at most, in roundings of the farthest depth.
-DEPTH_ROUNDINGS = 64.0
+# How far the depths that a map and a receiver have on one plane differ at most, in roundings of the receiver's place
+# along its normal and of its offset from where depths are counted.
+RECEIVER_ROUNDINGS = 4.0
+# Planes that the light grazes at less than a degree are forgiven no more than at a degree.
+LEAST_COSINE = math.sin(math.pi / 180)
 
 
 class RayGrid(Checked):
@@ -45,10 +49,24 @@ class RayGrid(Checked):
         """(columns, rows) as numbers."""
         return jnp.asarray([self.num_cols, self.num_rows], self.far.dtype)
 
-    @property
-    def depth_rounding(self) -> Scalar:
-        """What rounding may make of the difference of two computations of one depth, world units."""
-        return DEPTH_ROUNDINGS * jnp.finfo(self.far.dtype).eps * self.far
+    def receiver_rounding(self, points: Points, normals: Points) -> Float[Array, "*points"]:
+        """What rounding may make of the difference between a receiver's depth and that of its own plane in the map.
+
+        World coordinates of receivers and of rays' starts are rounded, and move a plane as far as they lie along its
+        normal: a level floor stays where it is, however far away. Offsets from the start of the rays are rounded in
+        every direction. Neither the scene's extent nor what else lies in the map counts.
+
+        Args:
+            points: Receivers.
+            normals: Their unit normals.
+
+        Returns:
+            Distance along the light ray, world units.
+        """
+        offset = points - self.space.source
+        along = _sum(jnp.abs(points * normals))
+        cosine = jnp.maximum(jnp.abs(dot(normals, self.space.to_source(points))), LEAST_COSINE)
+        return RECEIVER_ROUNDINGS * jnp.finfo(self.far.dtype).eps * (along + _sum(jnp.abs(offset))) / cosine
 
     def centres(self) -> Float[Array, "rows cols 2"]:
         """(s, t) of every cell's centre, (i + ½)/resolution."""
@@ -93,6 +111,10 @@ class RayGrid(Checked):
         return along([1.0, 0.0]), along([0.0, 1.0])
 
 
+def _sum(vectors: Points) -> Float[Array, "*points"]:
+    return vectors[..., 0] + vectors[..., 1] + vectors[..., 2]
+
+
 @checked
 def pixel_footprint(view: RayGrid, grid: RayGrid, points: Points, normals: Points) -> Float[Array, "*points 2 2"]:
     """How far the place of a receiver in one grid moves while the eye moves by one cell of another: a true Jacobian.
@@ -112,7 +134,7 @@ def pixel_footprint(view: RayGrid, grid: RayGrid, points: Points, normals: Point
     """
     away = -view.space.to_source(points)
     cosine = dot(normals, away)
-    least = jnp.asarray(jnp.sin(jnp.pi / 180), points.dtype)
+    least = jnp.asarray(LEAST_COSINE, points.dtype)
     cosine = jnp.where(jnp.abs(cosine) < least, jnp.where(cosine < 0, -least, least), cosine)
     columns = []
     for step in view.cell_vectors(points):

@@ -225,7 +225,7 @@ class AdaptiveShadows(Shadows):
         return self._tested(points, normals, None if self.technique.test == "depth" else faces)
 
     def _tested(self, points: Points, normals: Points, faces: Int[Array, "*points"] | None) -> Float[Array, "*points"]:
-        square, depth = placed_on(self.map, points)
+        square, depth = placed_on(self.map, points, normals)
         texel = self.map.read(square)
         # A texel of a level is so much smaller than those of level 0, in whose cells the grid counts.
         side = 1 / self.map.cells(texel.level)
@@ -338,15 +338,18 @@ def _square_of(map_: AdaptiveMap, points: Points) -> Float[Array, "*points 2"]:
 
 
 @checked
-def placed_on(map_: AdaptiveMap, points: Points) -> tuple[Float[Array, "*points 2"], Float[Array, "*points"]]:
+def placed_on(
+    map_: AdaptiveMap, points: Points, normals: Points
+) -> tuple[Float[Array, "*points 2"], Float[Array, "*points"]]:
     """Where receivers read: (s, t), and depth with rounding forgiven, world units.
 
     Args:
         map_: Tiles.
         points: Receivers.
+        normals: Their unit normals.
     """
     position, depth = map_.grid.locate(points)
-    return position / map_.tile_size, depth - map_.grid.depth_rounding
+    return position / map_.tile_size, depth - map_.grid.receiver_rounding(points, normals)
 
 
 @eqx.filter_jit
@@ -360,7 +363,7 @@ def _asked(
     finest: int,
 ) -> tuple[Array, ...]:
     """Of every pixel: place on the curve, slot and level that answer, level that it needs, whether an edge is near."""
-    square, depth = placed_on(map_, points)
+    square, depth = placed_on(map_, points, normals)
     slot, level = map_.table.find(square)
     span = FOOTPRINTS[rule](view, map_.grid, points, normals)
     wanted = jnp.ceil(jnp.log2(texels_per_pixel / jnp.maximum(span, texels_per_pixel / 2.0**finest)))

@@ -24,6 +24,7 @@ from shadowjax.partitions.single import SingleMap
 from shadowjax.rays.brute import BruteForceCaster
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.layers import LAYERS
+from shadowjax.rays.precision import warn_of_coarse_texels
 from shadowjax.rays.ray_grid import RayGrid, pixel_footprint
 from shadowjax.techniques.base import Shadows, Technique
 
@@ -64,10 +65,15 @@ class ShadowMapping(Technique):
             _require_codes(self.filter)
 
     def build(self, mesh: Mesh, light: Light, camera: Camera) -> "MappedShadows":
-        """Cast the maps and let the filter prepare them."""
+        """Cast the maps and let the filter prepare them.
+
+        Warns:
+            SceneWarning: If the maps lie so far from the origin of coordinates that rounding takes up half a texel.
+        """
         factor = self.filter.cast_factor
         partition = self.partition.with_margin(self.filter.reach * factor)
         partition, grids = _placed(partition, mesh, light, camera, self.resolution * factor)
+        warn_of_coarse_texels(grids)
         if self.coverage:
             edges = _edges_of(mesh) if self.edges is None else self.edges
             maps = tuple(build_covered_map(self.caster, mesh, grid, edges) for grid in grids)
@@ -211,12 +217,14 @@ class MappedShadows(Shadows):
         grid = shadow_map.grid
         forgiven = self.bias.apply(grid, points, normals)
         position, depth = grid.locate(forgiven.points)
+        # What no surface of the map lies behind is tested as if it lay there.
+        depth = jnp.minimum(depth, grid.far)
         # On top of the chosen bias, forgive what rounding does to two computations of one depth.
         follows = forgiven.follows_plane or self.filter.follows_plane
         return Lookup(
             position,
             depth,
-            forgiven.depth + grid.depth_rounding,
+            forgiven.depth + grid.receiver_rounding(points, normals),
             texel_size(grid, points),
             shadow_map.border,
             None if self.view is None else pixel_footprint(self.view, grid, points, normals),

@@ -27,11 +27,11 @@ def main() -> None:
     tree = BvhCaster.build(mesh)
     for projection in PROJECTIONS:
         grid = view(geometry, projection, RESOLUTION).grid
-        depth = first(mesh, grid).depth
+        hit = first(mesh, grid)
         calls: dict[str, Callable[[int], Any]] = {
             "first": lambda _, grid=grid: jax.block_until_ready(first(mesh, grid)),
-            "drawn": lambda _, grid=grid, depth=depth: jax.block_until_ready(second(GridCaster(), mesh, grid, depth)),
-            "traced": lambda _, grid=grid, depth=depth: jax.block_until_ready(second(tree, mesh, grid, depth)),
+            "drawn": lambda _, grid=grid, hit=hit: jax.block_until_ready(second(GridCaster(), mesh, grid, hit)),
+            "traced": lambda _, grid=grid, hit=hit: jax.block_until_ready(second(tree, mesh, grid, hit)),
         }
         drawn, traced = calls["drawn"](0), calls["traced"](0)
         other = int(jnp.sum(jnp.abs(drawn.depth - traced.depth) > 1e-5 * grid.far))

@@ -64,7 +64,7 @@ def closest(caster: Caster, mesh: Mesh, kind: str) -> Any:
 
 def layers(caster: Caster, mesh: Mesh, kind: str) -> Any:
     grid = grid_of(mesh, kind)
-    return second_layer(caster, mesh, grid, jnp.full((SIDE, SIDE), 2.0, DTYPE)), back_layer(caster, mesh, grid)
+    return second_layer(caster, mesh, grid, caster.closest_on_grid(mesh, grid)), back_layer(caster, mesh, grid)
 
 
 def visible(caster: Caster, mesh: Mesh, kind: str) -> Any:

@@ -278,7 +278,7 @@ def test_lookups_have_finite_gradients_and_tiles_follow_the_mesh(built):
     points, normals = floor_points(8)
 
     def gap(points):
-        square, depth = placed_on(built.map, points)
+        square, depth = placed_on(built.map, points, normals)
         forgiven = built.bias.in_world(built.map.grid, points, normals)
         return jnp.sum((built.map.read(square).depth - depth) ** 2 + forgiven)
 
@@ -287,7 +287,7 @@ def test_lookups_have_finite_gradients_and_tiles_follow_the_mesh(built):
     assert np.abs(gradient).max() > 0
     np.testing.assert_array_equal(jax.grad(lambda p: jnp.sum(read(built, p, normals)))(points), 0)
 
-    square, depth = placed_on(built.map, points)
+    square, depth = placed_on(built.map, points, normals)
     sees_floor = jnp.abs(built.map.read(square).depth - depth) < 0.3
 
     def lifted(height):

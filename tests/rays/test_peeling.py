@@ -14,7 +14,7 @@ from shadowjax.geometry.light_space import OctahedralSpace
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.grid._pairs import search_pairs
 from shadowjax.rays.grid.caster import GridCaster
-from shadowjax.rays.layers import second_layer
+from shadowjax.rays.layers import hit_rounding, second_layer
 from shadowjax.rays.ray import Hit
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -45,8 +45,8 @@ class Starts(Caster):
         return jnp.zeros(rays.shape, bool)
 
 
-peel = eqx.filter_jit(lambda mesh, grid, depth: second_layer(GridCaster(NoRays()), mesh, grid, depth))
-peel_by_pairs = eqx.filter_jit(lambda mesh, grid, depth: second_layer(GridCaster(NoRays()), mesh, grid, depth))
+peel = eqx.filter_jit(lambda mesh, grid, first: second_layer(GridCaster(NoRays()), mesh, grid, first))
+peel_by_pairs = eqx.filter_jit(lambda mesh, grid, first: second_layer(GridCaster(NoRays()), mesh, grid, first))
 
 # Both searches, both kinds of projective space, both dtypes, and a plane map that is a table of cells.
 CASES = {
@@ -87,9 +87,14 @@ def sheets(dtype) -> Mesh:
 MESHES = {"soup twice": soup_twice, "closed body": closed_body, "sheets": sheets}
 
 
-def gap(grid: RayGrid) -> float:
-    """How far behind a hit the next layer begins, world units."""
-    return float(grid.depth_rounding)
+def nothing_at(depth: Array) -> Hit:
+    """Hits of no triangle: the next layer begins right there."""
+    return Hit(depth, jnp.full(depth.shape, -1, jnp.int32), jnp.zeros((*depth.shape, 3), depth.dtype))
+
+
+def gap(mesh: Mesh, grid: RayGrid, hit: Hit) -> np.ndarray:
+    """How far behind each hit the next layer begins, world units."""
+    return np.asarray(hit_rounding(mesh, grid, hit), float).reshape(-1)
 
 
 def all_hits(mesh: Mesh, grid: RayGrid) -> tuple[np.ndarray, np.ndarray]:
@@ -119,17 +124,18 @@ def test_layers_are_the_sorted_hits(case, monkeypatch):
         monkeypatch.setattr("shadowjax.rays.grid._pairs.WINDOW", 1 << 12)
     grid = views(dtype)[name]
     far = float(grid.far)
-    # Half the gap on either side tells a hit that was met from one that follows.
-    tolerance = 0.5 * gap(grid)
     layers = {}
     for kind, make in MESHES.items():
         mesh = make(dtype)
         depths, doubt = all_hits(mesh, grid)
         layers[kind] = 0
-        # Behind what lies a gap before the start follows everything.
-        hit, start = peel(mesh, grid, jnp.full((ROWS, COLS), -gap(grid), dtype)), np.zeros((ROWS * COLS, 1))
+        # Behind the start follows everything.
+        hit, start = peel(mesh, grid, nothing_at(jnp.zeros((ROWS, COLS), dtype))), np.zeros((ROWS * COLS, 1))
+        behind = np.zeros(ROWS * COLS)
         while True:
-            doubt |= np.any(np.abs(depths - start) <= tolerance, axis=1)
+            # Half the gap on either side tells a hit that was met from one that follows.
+            doubt |= np.any(np.abs(depths - start) <= 0.5 * behind[:, None], axis=1)
+            behind = gap(mesh, grid, hit)
             sure, following = ~doubt, np.where(depths >= start, depths, np.inf)
             want, face = np.min(following, axis=1), np.argmin(following, axis=1)
             found = np.isfinite(want)
@@ -137,16 +143,17 @@ def test_layers_are_the_sorted_hits(case, monkeypatch):
             if not np.any(found):
                 break
             depth = np.where(found, want, far)
-            np.testing.assert_allclose(np.ravel(hit.depth)[sure], depth[sure], atol=tolerance, rtol=0)
+            assert np.all(np.abs(np.ravel(hit.depth) - depth)[sure] <= 0.5 * behind[sure])
             same = np.ravel(hit.face) == np.where(found, face, -1)
             if kind == "sheets":
                 # Rounding chooses among sheets in one plane, but never the copy with the very same triangles.
                 assert not np.any(np.asarray(hit.face) // SHEET == NUM_SHEETS)
                 own = depths[np.arange(len(face)), np.ravel(hit.face)]
-                same |= found & (np.abs(own - depth) <= tolerance)
+                same |= found & (np.abs(own - depth) <= 0.5 * behind)
             assert np.all(same[sure]), kind
             layers[kind] += 1
-            hit, start = peel(mesh, grid, hit.depth), np.minimum(depth + gap(grid), far)[:, None]
+            start = np.minimum(depth + behind, far)[:, None]
+            hit = peel(mesh, grid, hit)
         assert np.mean(doubt) < 0.03
     assert min(layers["soup twice"], layers["sheets"]) >= 3
 
@@ -157,7 +164,7 @@ def test_loop_with_a_floor_is_compiled_whole():
         pytest.skip("a processor's loops")
     for case in ("parallel", "perspective"):
         _, name, dtype = CASES[case]
-        arguments = soup_twice(dtype), views(dtype)[name], jnp.zeros((ROWS, COLS), dtype)
+        arguments = soup_twice(dtype), views(dtype)[name], nothing_at(jnp.zeros((ROWS, COLS), dtype))
         program = peel.lower(*arguments).compile().compiled.as_text()
         whole = program.count('xla_cpu_small_call="true"')
         assert whole >= 3
@@ -173,8 +180,8 @@ def test_gradients_under_vmap():
     step = 1e-6
     moved = [eqx.tree_at(lambda m: m.vertices, mesh, mesh.vertices + by * change) for by in (0.0, 0.1, step, -step)]
     # Further behind the first hit than it moves.
-    first = peel(mesh, grid, jnp.full((ROWS, COLS), -gap(grid), dtype)).depth + 1e-3
-    here, _, after, before = hits = [peel(m, grid, first) for m in moved]
+    first = peel(mesh, grid, nothing_at(jnp.zeros((ROWS, COLS), dtype))).depth + 1e-3
+    here, _, after, before = hits = [peel(m, grid, nothing_at(first)) for m in moved]
     steady = (here.face == after.face) & (here.face == before.face)
     assert float(jnp.mean(steady)) > 0.98
     weight = jnp.where(steady, jnp.asarray(rng.normal(size=(ROWS, COLS)), dtype), 0.0)
@@ -183,7 +190,8 @@ def test_gradients_under_vmap():
     @jax.vmap
     def both(vertices, first):
         def total(vertices, first):
-            hit = second_layer(GridCaster(NoRays()), eqx.tree_at(lambda m: m.vertices, mesh, vertices), grid, first)
+            moved = eqx.tree_at(lambda m: m.vertices, mesh, vertices)
+            hit = second_layer(GridCaster(NoRays()), moved, grid, nothing_at(first))
             return jnp.sum(weight * hit.depth), hit
 
         return jax.value_and_grad(total, (0, 1), has_aux=True)(vertices, first)
@@ -205,7 +213,11 @@ def test_rays_of_a_point_light_are_traced():
     mesh, grid = soup_twice(dtype), views(dtype)[name]
     first = jnp.linspace(0.0, float(grid.far), ROWS * COLS, dtype=dtype).reshape(ROWS, COLS)
     bent = eqx.tree_at(lambda g: g.space, grid, OctahedralSpace(jnp.asarray([0.1, 0.2, 0.05], dtype)))
-    starts = eqx.filter_jit(second_layer)(GridCaster(Starts()), mesh, bent, first).depth
-    np.testing.assert_array_equal(starts, np.minimum(np.asarray(first) + gap(grid), float(grid.far)))
+    face = jnp.arange(ROWS * COLS, dtype=jnp.int32).reshape(ROWS, COLS) % (mesh.num_faces + 1) - 1
+    met = Hit(first, face, jnp.zeros((ROWS, COLS, 3), dtype))
+    starts = eqx.filter_jit(second_layer)(GridCaster(Starts()), mesh, bent, met).depth
+    behind = np.asarray(first).reshape(-1) + gap(mesh, bent, met)
+    np.testing.assert_allclose(np.ravel(starts), np.minimum(behind, float(grid.far)), rtol=1e-12)
+    assert np.all((gap(mesh, bent, met) > 0) == (np.ravel(face) >= 0))
     with pytest.raises(ValueError, match=r"the shape of the grid, \(26, 31\); got \(3, 4\)"):
         GridCaster(NoRays()).closest_beyond_on_grid(mesh, grid, first[:3, :4])

@@ -21,7 +21,7 @@ from shadowjax.filters.hard import Hard
 from shadowjax.filters.offset_pcf import OffsetPercentageCloser
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, Light
-from shadowjax.geometry.light_space import DirectionalSpace, LightSpace, light_space
+from shadowjax.geometry.light_space import DirectionalSpace, LightSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.transforms import any_perpendicular
 from shadowjax.maps.sampling import is_outside, texel_index
@@ -171,8 +171,7 @@ class ExpectedError(Checked):
 
     def grid(self, bend: Scalar) -> RayGrid:
         """The map's light rays for a bend."""
-        lower, upper = self.mesh.bounds()
-        space = light_space(self.light, self.camera.forward, lower, upper)
+        space = self.fine.grid.space
         warp = BentFit(bend).fit(space, self.light, self.mesh, self.camera)
         return RayGrid(space, warp, self.fine.grid.far, self.resolution, self.resolution)
 
@@ -181,7 +180,7 @@ class ExpectedError(Checked):
         grid = self.grid(settings.bend)
         position, depth = grid.locate(self.points)
         forgiven = Bias(settings.bias, "slope").in_world(grid, self.points, self.normals)
-        level = depth - forgiven - grid.depth_rounding
+        level = depth - forgiven - grid.receiver_rounding(self.points, self.normals)
         place = self.fractions[:, :, None] + settings.width * jnp.asarray(PATTERN, depth.dtype) - 0.5
         base = jnp.floor(jax.lax.stop_gradient(place))
         part = place - base

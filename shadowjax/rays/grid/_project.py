@@ -8,7 +8,7 @@ from jax import lax
 
 from shadowjax._types import Array, Float, Int, Scalar
 from shadowjax.geometry.light_space import DirectionalSpace, LightSpace, PerspectiveSpace
-from shadowjax.rays.plane_map import PlaneMap, affine_box
+from shadowjax.rays.plane_map import affine_box, region_corners, region_sides
 from shadowjax.rays.ray_grid import RayGrid
 
 # Nearest w that a perspective view divides by, in units of the far limit.
@@ -88,7 +88,7 @@ def coordinates(space: LightSpace, points: Sequence[Float[Array, "n"]]) -> tuple
     Sums are written out: a matrix product is slower here and may run at a lower precision on an accelerator.
     """
     assert isinstance(space, DirectionalSpace | PerspectiveSpace)
-    origin = space.origin if isinstance(space, DirectionalSpace) else space.position
+    origin = space.source
     offset = [points[axis] - origin[axis] for axis in range(3)]
     x, y, z = (offset[0] * row[0] + offset[1] * row[1] + offset[2] * row[2] for row in space.frame)
     return (x, z, -y) if isinstance(space, DirectionalSpace) else (x, y, z)
@@ -128,25 +128,6 @@ def place(grid: RayGrid, table: View, vertices: Float[Array, "vertices 3"]) -> V
     return lax.optimization_barrier(Vertices(plane, bounds))
 
 
-def _region(plane_map: PlaneMap, dtype: Any) -> Float[Array, "4 2"]:
-    """Plane positions of the corners of the unit square, in order round it."""
-    return plane_map.inverse(jnp.asarray([[0, 0], [1, 0], [1, 1], [0, 1]], dtype))
-
-
-def _sides(plane_map: PlaneMap, dtype: Any) -> Float[Array, "4 3"]:
-    """Lines (a, b, c) with a u + b v + c ≥ 0 inside the region, which has straight sides, and unit (a, b)."""
-    corners = _region(plane_map, dtype)
-    middle = jnp.mean(corners, axis=0)
-    following = jnp.roll(corners, -1, axis=0)
-    a, b = corners[:, 1] - following[:, 1], following[:, 0] - corners[:, 0]
-    # Offsets from a corner on the line, not the cross product of two positions, which cancels far from the origin.
-    c = -(a * corners[:, 0] + b * corners[:, 1])
-    towards = a * (middle[0] - corners[:, 0]) + b * (middle[1] - corners[:, 1])
-    length = jnp.sqrt(a * a + b * b)
-    scale = jnp.where(towards < 0, -1.0, 1.0).astype(length.dtype) / jnp.where(length > 0, length, 1.0)
-    return jnp.stack([a * scale, b * scale, c * scale], axis=-1)
-
-
 def view(grid: RayGrid) -> View:
     """Tables of the grid: plane coordinates and far limit of every cell, the region's sides, the rounding of a cell."""
     dtype = grid.far.dtype
@@ -167,9 +148,9 @@ def view(grid: RayGrid) -> View:
         start = -jnp.sqrt(1 + squared) / grid.far
     # A hit exactly at the limit counts: start a few roundings beyond it.
     start = start + 4 * jnp.finfo(dtype).eps * jnp.abs(start)
-    corners = _region(plane_map, dtype)
+    corners = region_corners(plane_map, dtype)
     near_side = jnp.stack([jnp.zeros((), dtype), jnp.zeros((), dtype), jnp.ones((), dtype)])
-    sides = jnp.concatenate([_sides(plane_map, dtype), near_side[None]])
+    sides = jnp.concatenate([region_sides(corners), near_side[None]])
     extent = jnp.max(corners, axis=0) - jnp.min(corners, axis=0)
     away = jnp.max(jnp.abs(corners), axis=0) / jnp.where(extent > 0, extent, 1.0)
     margin = jnp.finfo(dtype).eps * grid.resolution * (16 + 16 * away)
