@@ -33,6 +33,12 @@ def concrete(value: Any) -> np.ndarray | None:
     return None if isinstance(value, Tracer) else np.asarray(value)
 
 
+def without_tracers(tree: Any) -> Any | None:
+    """The same with every array a known value, also while `grad` differentiates it; None under `jit` and `vmap`."""
+    fixed = jax.lax.stop_gradient(tree)
+    return None if any(concrete(leaf) is None for leaf in jax.tree.leaves(fixed)) else fixed
+
+
 def require(condition: bool, message: str) -> None:
     """Raise ValueError with `message` unless `condition` holds; for facts known when Python runs."""
     if not condition:

@@ -3,11 +3,10 @@
 from typing import Annotated
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 
 from shadowjax._checked import Checked, checked
-from shadowjax._checks import NOT_NEGATIVE, POSITIVE, UNIT_INTERVAL, concrete, require, require_int, warn
+from shadowjax._checks import NOT_NEGATIVE, POSITIVE, UNIT_INTERVAL, require, require_int, warn, without_tracers
 from shadowjax._numerics import dot, faces_light, map_in_chunks, normalize
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.camera import Camera
@@ -182,9 +181,10 @@ UNLIT = (
 
 @checked
 def warn_where_unlit(surface: Surface, light: Light) -> None:
-    """Warn (`SceneWarning`) where nothing that is seen can be lit; silent while values are traced."""
-    if all(concrete(leaf) is not None for leaf in jax.tree.leaves((surface, light))):
-        seen, faces = _seen_and_facing(surface, light)
+    """Warn (`SceneWarning`) where nothing that is seen can be lit, under `grad` too; silent under `jit` and `vmap`."""
+    known = without_tracers((surface, light))
+    if known is not None:
+        seen, faces = _seen_and_facing(*known)
         if seen and not faces:
             warn(UNLIT)
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from shadowjax._checked import Checked, checked
-from shadowjax._checks import require, require_int
+from shadowjax._checks import require, require_int, warn, without_tracers
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.light_space import DirectionalSpace, LightSpace, OctahedralSpace, PerspectiveSpace
@@ -85,10 +85,20 @@ def coverage_planes(
     Raises:
         ValueError: If the grid bends lines (the octahedral map of a point light).
         RuntimeError: If outlines cross more texels than there is room for.
+
+    Warns:
+        SceneWarning: If no ray of the grid meets the mesh; under `grad` too, not under `jit` or `vmap`.
     """
     caster = BruteForceCaster() if caster is None else caster
-    base = encode(_depth(mesh, grid, caster))
-    return outline_pieces(mesh, edges, grid, caster, max_pairs).blended(base, encode)
+    depth = _depth(mesh, grid, caster)
+    pieces = outline_pieces(mesh, edges, grid, caster, max_pairs)
+    known = without_tracers((depth, pieces.parts))
+    if known is not None and bool(jnp.all(known[0] >= grid.far)) and not bool(jnp.any(known[1])):
+        warn(
+            "no ray of the grid meets the mesh, so every plane holds the farthest depth and no number has a gradient: "
+            "turn the grid round, or move its map to where the mesh is"
+        )
+    return pieces.blended(encode(depth), encode)
 
 
 class OutlinePieces(Checked):

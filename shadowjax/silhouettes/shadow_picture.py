@@ -1,13 +1,12 @@
 """Anti-aliased exact visibility of what a view sees: a shadow picture that has a gradient in everything that moves."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jax import lax
 
 from shadowjax._checked import Checked, checked
-from shadowjax._checks import concrete, warn
-from shadowjax._numerics import dot, norm
+from shadowjax._checks import warn, without_tracers
+from shadowjax._numerics import faces_light, norm
 from shadowjax._types import Array, Bool, Float, Vector2, Vector3
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.light_space import DirectionalSpace
@@ -104,13 +103,13 @@ def shadow_picture(
         RuntimeError: If there are more pairs or pieces than there is room for.
 
     Warns:
-        SceneWarning: If no triangle shows view and light the same side.
+        SceneWarning: If no triangle shows view and light the same side; under `grad` too, not under `jit` or `vmap`.
     """
     caster = BruteForceCaster() if caster is None else caster
     shown = None if receiver is None else (receiver.mesh, receiver.edges)
     seen = mesh if receiver is None else receiver.mesh
-    known = all(concrete(leaf) is not None for leaf in jax.tree.leaves((mesh, seen, light, view)))
-    if known and not _faces_light(mesh, seen, light, view):
+    known = without_tracers((mesh, seen, light, view))
+    if known is not None and not _faces_light(*known):
         warn(
             "no surface that the view may see faces the light, so all of it is dark and no number has a gradient: "
             "turn the receiver round, or give the direction to the sun as DirectionalLight.create(towards=…)"
@@ -124,8 +123,9 @@ def _faces_light(mesh: Mesh, seen: Mesh, light: Light, view: RayGrid) -> Bool[Ar
     """Whether some triangle has view and light on the same side."""
     middles, normals = jnp.mean(seen.triangles(), axis=1), seen.face_normals()
     spaces = view.space, space_of(light, mesh, seen)
-    sides = [dot(normals, space.to_source(middles)) for space in spaces]
-    return jnp.any(sides[0] * sides[1] > 0)
+    eye, lamp = (space.to_source(middles) for space in spaces)
+    fronts = faces_light(normals, eye) & faces_light(normals, lamp)
+    return jnp.any(fronts | (faces_light(-normals, eye) & faces_light(-normals, lamp)))
 
 
 @eqx.filter_jit

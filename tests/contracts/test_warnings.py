@@ -11,7 +11,9 @@ from shapes import above, plate_over_plane
 from shadowjax import (
     BruteForceCaster,
     DirectionalLight,
+    Mesh,
     camera_grid,
+    coverage_depth,
     mesh_edges,
     plane_receiver,
     shade,
@@ -57,6 +59,10 @@ def test_a_sun_below_the_floor_is_warned_of_once_and_only_where_values_are_known
     assert len(said) == 1
 
 
+def moved(shift):
+    return Mesh(MESH.vertices + shift, MESH.faces, MESH.face_colors)
+
+
 def test_a_receiver_that_faces_away_is_warned_of():
     edges = mesh_edges(MESH)
     axes = jnp.asarray([[1.0, 0, 0], [0, 0, 1.0]])
@@ -68,6 +74,23 @@ def test_a_receiver_that_faces_away_is_warned_of():
     shadow_picture(MESH, edges, lights[0], view, receiver=receiver)
     with pytest.warns(SceneWarning, match="no surface that the view may see faces the light"):
         shadow_picture(MESH, edges, lights[1], view, receiver=receiver)
+    with pytest.warns(SceneWarning, match="no surface that the view may see faces the light"):
+        jax.grad(lambda shift: shadow_picture(moved(shift), edges, lights[1], view, receiver=receiver).sum())(0.0)
     # The mesh itself is seen from above: the sun below lights no side that shows.
     with pytest.warns(SceneWarning, match="turn the receiver round"):
         shadow_picture(MESH, edges, away, camera_grid(CAMERA, 6, 6))
+
+
+def test_a_map_that_sees_nothing_is_warned_of():
+    """A plane that faces away from what is cast: its rays run the other way."""
+    edges, size = mesh_edges(MESH), jnp.asarray([2.0, 2.0])
+    axes = jnp.asarray([[1.0, 0, 0], [0, 0, 1.0]])
+    _, one = plane_receiver(jnp.asarray([0.0, -1, 0]), *axes, -size, size, (6, 6))
+    _, other = plane_receiver(jnp.asarray([0.0, 20, 0]), *axes[::-1], -size, size, (6, 6))
+    seeing, blind = (one, other) if float(one.space.frame[1, 1]) > 0 else (other, one)
+    total = lambda grid: lambda shift: coverage_depth(moved(shift), edges, grid).sum()  # noqa: E731
+    assert abs(float(jax.grad(total(seeing))(0.0))) > 1e-3
+    for differentiate in (lambda f: f, jax.grad):
+        with pytest.warns(SceneWarning, match="no ray of the grid meets the mesh.*turn the grid round"):
+            value = float(differentiate(total(blind))(0.0))
+        assert value == pytest.approx(0 if differentiate is jax.grad else 36 * float(blind.far))
