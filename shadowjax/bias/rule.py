@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from shadowjax._checked import Checked, checked
-from shadowjax._checks import require_choice, require_finite
+from shadowjax._checks import require, require_choice, require_finite
 from shadowjax._numerics import dot, norm
 from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, as_float_array
 from shadowjax.geometry.light_space import DirectionalSpace
@@ -16,7 +16,7 @@ from shadowjax.rays.ray_grid import RayGrid
 
 UNITS = ("world", "texel", "slope")
 
-# Light that grazes at less than 4° leaves a surface dark anyway; a larger bias there would only let light through.
+# Light that grazes at less than 4° leaves a surface nearly dark; a larger bias would let light through at creases.
 MAX_SLOPE = 16.0
 
 
@@ -58,22 +58,26 @@ class Bias(BiasRule):
         unit: "world": world units. "texel": multiples of a texel's world size at the receiver. "slope": the depth by
             which the receiver's own plane changes over this many texels along both axes (`depth_change`); with the
             filter's `reach` it is the smallest bias that frees a plane of acne.
+        limit: Largest bias in "slope" units, texels of depth for each texel of slope, > 0. Where light grazes at less
+            than 4° the usual 16 leave acne; `evaluate.slope_limit` says where, and how much more it takes.
     """
 
     value: Scalar
     unit: str = eqx.field(static=True, default="slope")
+    limit: float = eqx.field(static=True, default=MAX_SLOPE)
 
     def __check_init__(self):
         require_choice(self.unit, "bias unit", UNITS)
+        require(self.limit > 0, f"the bias limit must be positive; got {self.limit}")
 
     @classmethod
-    def create(cls, value: ArrayLike, unit: str = "slope") -> "Bias":
+    def create(cls, value: ArrayLike, unit: str = "slope", limit: float = MAX_SLOPE) -> "Bias":
         """Checked constructor.
 
         Raises:
-            ValueError: If the unit is unknown or the value not finite.
+            ValueError: If the unit is unknown, the value not finite, or the limit not positive.
         """
-        return cls(require_finite(as_float_array(value), "bias value"), unit)
+        return cls(require_finite(as_float_array(value), "bias value"), unit, limit)
 
     def in_world(
         self, grid: RayGrid, points: Points, normals: Points, texel: Float[Array, "*points"] | None = None
@@ -92,7 +96,7 @@ class Bias(BiasRule):
         value = value if texel is None else value * texel
         if self.unit == "texel":
             return value * texel_size(grid, points)
-        return depth_change(grid, points, normals, value)
+        return depth_change(grid, points, normals, value, self.limit)
 
     def apply(self, grid: RayGrid, points: Points, normals: Points) -> BiasedReceiver:
         """The receivers where they are, and `in_world`."""

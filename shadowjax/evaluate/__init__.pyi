@@ -33,3 +33,5 @@ from .shadow_distance import TexelAdvice as TexelAdvice
 from .shadow_distance import stable_texel as stable_texel
 from .shadow_distance import texel_advice as texel_advice
 from .shimmer import Shimmer as Shimmer
+from .slope_limit import SlopeLimit as SlopeLimit
+from .slope_limit import slope_limit as slope_limit

@@ -14,10 +14,11 @@ import numpy as np
 from scipy import ndimage
 
 from shadowjax._checked import Checked, checked
-from shadowjax._checks import require, require_int
+from shadowjax._checks import require, require_int, warn
 from shadowjax._numerics import dot, safe_divide, safe_sqrt
 from shadowjax._types import Array, Bool, Float
 from shadowjax.evaluate import metrics
+from shadowjax.evaluate.slope_limit import SlopeLimit, slope_limit, told
 from shadowjax.geometry.smoothing import smooth_corner_groups
 from shadowjax.presets.registry import named_technique
 from shadowjax.rays.caster import Caster
@@ -61,6 +62,7 @@ class Record:
         acne: Mean lack of light where the exact picture is fully lit and no shadow edge is near.
         flip: FLIP error of visibility; None where the package `flip_evaluator` is missing.
         texture_bytes: Bytes of textures of four channels or fewer that would hold the planes; three take four.
+        slope_limit: Acne that the limit of the slope bias leaves at grazing light; None where there is none.
         volume_bytes: Bytes of what shadow volumes keep in place of a map: quads, and a stencil buffer of every sample.
     """
 
@@ -83,6 +85,7 @@ class Record:
     flip: float | None = None
     texture_bytes: int = 0
     volume_bytes: int = 0
+    slope_limit: SlopeLimit | None = None
 
     @property
     def stored_bytes(self) -> int:
@@ -248,8 +251,16 @@ def measure(
 
 @checked
 def compare(scene: Scene, techniques: Sequence[str], **options: Any) -> list[Record]:
-    """One record for each technique; arguments as in `measure`."""
-    return list(measure(scene, techniques, **options).records)
+    """One record for each technique; arguments as in `measure`.
+
+    Warns:
+        SceneWarning: Where the limit of the slope bias leaves acne, with the remedy.
+    """
+    records = list(measure(scene, techniques, **options).records)
+    said = told([(one.technique, one.slope_limit) for one in records])
+    if said is not None:
+        warn(said)
+    return records
 
 
 @checked
@@ -297,7 +308,15 @@ def record(
         flip=metrics.flip(jnp.where(mask, test, 1), jnp.where(mask, truth, 1)),
         texture_bytes=_texture_bytes(shadows),
         volume_bytes=shadows.volume_bytes(view.exact.size),
+        slope_limit=_slope_limit(shadows, view),
     )
+
+
+def _slope_limit(shadows: Shadows, view: View) -> SlopeLimit | None:
+    surface = view.surface
+    points, normals = surface.points.reshape(-1, 3), surface.normals.reshape(-1, 3)
+    flags = ((view.exact > 0).reshape(-1), view.valid.reshape(-1))
+    return slope_limit(shadows, points, normals, surface.face.reshape(-1), *flags)
 
 
 def _away_from_edges(truth: np.ndarray, mask: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from shadowjax import plotting
+from shadowjax.evaluate.slope_limit import told
 from shadowjax.plotting.pixels import Window, difference_pixels, outlined
 from shadowjax.report.advisor import bytes_text
 from shadowjax.report.findings import Findings
@@ -108,6 +109,7 @@ def comparison(findings: Findings) -> str:
     chosen = []
     if advice is not None and advice.recommended.resolution == findings.settings.resolution:
         chosen = [findings.comparison.names.index(advice.recommended.record.technique)]
+    said = told([(r.technique, r.slope_limit) for r in findings.comparison.records])
     return section(
         "table",
         "Comparison",
@@ -115,6 +117,7 @@ def comparison(findings: Findings) -> str:
         "the cosine of incidence, as a picture does; the other errors count every sample alike. Umbra light is what "
         "leaks into full shadow away from its edges. Times are warm medians of three on this machine.",
         table(columns, rows, numeric=range(1, len(columns)), strong=chosen),
+        *([] if said is None else [element("p", text(f"{said}."), class_="note")]),
     )
 
 

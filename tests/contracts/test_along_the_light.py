@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shadowjax import TECHNIQUES, Camera, DirectionalLight, Material, Mesh, make_technique, shade, trace_surface
-from shadowjax.rays.grid import Grid
+from shadowjax.rays.grid.caster import GridCaster
 from shadowjax.scenes.base import to_mesh
 from shadowjax.scenes.primitives import box
 from shadowjax.shading import valid_receivers, visibility_on
@@ -31,7 +31,7 @@ def views():
         eye = 6 * across + 1.5 * along + [0, 2.5, 0]
         camera = Camera.look_at(eye, (0.0, 0.5, 0), phi_y=0.3, near=1, far=20, dtype=jnp.float32)
         light = DirectionalLight.create(0.7 * along - [0, 0.6, 0], dtype=jnp.float32)
-        surface = trace_surface(Mesh.merge([FLOOR, block]), camera, 32, 24, Grid())
+        surface = trace_surface(Mesh.merge([FLOOR, block]), camera, 32, 24, GridCaster())
         cosine = np.asarray(surface.normals) @ -np.asarray(light.direction)
         wall = np.asarray(surface.is_seen) & (np.abs(cosine) < 1e-6)
         assert wall.sum() > 50
@@ -54,7 +54,7 @@ LOOK = eqx.filter_jit(lambda technique, mesh, light, camera: technique.build(mes
     ],
 )
 def test_a_face_along_the_light_is_dark(name):
-    technique = make_technique(name, 32, Grid())
+    technique = make_technique(name, 32, GridCaster())
     build = technique.build if name == "asm" else lambda *scene: LOOK(technique, *scene)
     for mesh, camera, light, surface, wall, _ in views():
         visibility = visibility_on(surface, build(mesh, light, camera))

@@ -9,11 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from shadowjax._checked import checked
-from shadowjax._checks import require, require_choice, require_int, require_untraced
+from shadowjax._checks import require, require_choice, require_int, require_untraced, warn
 from shadowjax._types import Array, Float
 from shadowjax.bias.kinds import NormalOffset
 from shadowjax.bias.rule import Bias, BiasRule
 from shadowjax.evaluate.acne import needed_bias
+from shadowjax.evaluate.slope_limit import SlopeLimit, slope_limit, told
 from shadowjax.filters.base import Filter
 from shadowjax.optimize.viewed.views import Viewed, error_of
 from shadowjax.techniques.shadow_mapping import MappedShadows
@@ -38,6 +39,7 @@ class BestBias:
         gain: default_error / error.
         values: Values tried, rising.
         errors: Error at each.
+        slope_limit: Acne that the default's limit leaves where light grazes, the most over the scenes; None for none.
     """
 
     unit: str
@@ -50,6 +52,7 @@ class BestBias:
     gain: float
     values: tuple[float, ...]
     errors: tuple[float, ...]
+    slope_limit: SlopeLimit | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers, as `optimize bias` writes them."""
@@ -88,6 +91,9 @@ def best_bias(views: tuple[Viewed, ...], filter_: Filter, unit: str = "slope", n
 
     Raises:
         ValueError: If the unit is unknown.
+
+    Warns:
+        SceneWarning: Where the limit of the default slope bias leaves acne, with the remedy.
     """
     require_untraced("best_bias", views, filter_)
     require_choice(unit, "bias unit", UNITS)
@@ -112,9 +118,17 @@ def best_bias(views: tuple[Viewed, ...], filter_: Filter, unit: str = "slope", n
     value = min(tried, key=lambda v: (tried[v], v))
     default = float(np.sqrt(np.mean([float(error_of(b, v)) ** 2 for b, v in zip(built, views, strict=True)])))
     ordered = sorted(tried)
+    limits = [
+        (view.name, slope_limit(shadows, view.points, view.normals, view.faces, view.exact > 0, view.valid))
+        for shadows, view in zip(built, views, strict=True)
+    ]
+    said = told(limits)
+    if said is not None:
+        warn(said)
+    worst = max((one for _, one in limits if one is not None), key=lambda one: one.acne, default=None)
     return BestBias(
         unit, value, tried[value], default, float(filter_.bias_reach), tried[0.0], _needed(views, filter_),
-        default / max(tried[value], 1e-12), tuple(ordered), tuple(tried[v] for v in ordered),
+        default / max(tried[value], 1e-12), tuple(ordered), tuple(tried[v] for v in ordered), worst,
     )  # fmt: skip
 
 
