@@ -1,7 +1,7 @@
 """Maps answer alike wherever the scene lies, however wide its ground, at any scale and however turned.
 
-Every technique with a map, pairwise with partitions and warps, and every preset with its world-unit numbers scaled. A
-picture is judged by the closed form of the box's shadow where a few texels do not decide it, and against the picture of
+Every technique with a map, pairwise with partitions and warps; numbers in world units are scaled with the scene. A picture
+is judged by the closed form of the box's shadow where a few texels do not decide it, and against the picture of
 the unmoved scene.
 """
 
@@ -19,10 +19,9 @@ from shadowjax import PARTITIONS, TECHNIQUES, make_technique
 from shadowjax.bias.kinds import NormalOffset, ReceiverPlane
 from shadowjax.bias.rule import Bias
 from shadowjax.filters.hard import Hard
-from shadowjax.partitions.by_light import ByLight
 from shadowjax.partitions.cascades import Cascades
 from shadowjax.partitions.single import SingleMap
-from shadowjax.presets import PRESETS, make_preset
+from shadowjax.presets import make_preset
 from shadowjax.rays.grid.caster import GridCaster
 from shadowjax.shading import trace_surface
 from shadowjax.techniques.shadow_mapping import ShadowMapping
@@ -160,16 +159,6 @@ def test_every_partition_and_warp_answers_alike_wherever_the_scene_lies(partitio
 def test_a_lamp_s_map_answers_alike_wherever_the_scene_lies(name, kind):
     partition = PARTITIONS["cube"]() if kind == "point" else SingleMap(UniformFit("view"))
     assert_alike(make_technique(name, RESOLUTION, GridCaster(), partition=partition), (*HALVES, *MOTIONS), kind)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", PRESETS)
-def test_every_preset_answers_alike_wherever_the_scene_lies(name):
-    technique = make_preset(name, 1024, GridCaster())
-    follows = isinstance(technique, ShadowMapping) and isinstance(technique.partition, ByLight)
-    # One map of a whole scene has texels as wide as its ground.
-    motions = (*HALVES, *MOTIONS) if follows else tuple(m for m in MOTIONS if "half" not in m)
-    assert_alike(technique, motions)
 
 
 def test_every_number_in_world_units_is_scaled():
