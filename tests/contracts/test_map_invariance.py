@@ -1,7 +1,7 @@
 """Maps answer alike wherever the scene lies, however wide its ground, at any scale and however turned.
 
-Every technique with a map, pairwise with partitions and warps; numbers in world units are scaled with the scene. A picture
-is judged by the closed form of the box's shadow where a few texels do not decide it, and against the picture of
+Every technique with a map, pairwise with partitions and warps; numbers in world units are scaled with the scene. A
+picture is judged by the closed form of the box's shadow where a few texels do not decide it, and against the picture of
 the unmoved scene.
 """
 
