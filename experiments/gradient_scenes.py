@@ -11,7 +11,6 @@ import numpy as np
 
 from shadowjax import Mesh, MeshEdges, PointLight, RayGrid, Receiver, mesh_edges, plane_receiver, shadow_picture
 from shadowjax._types import Array
-from shadowjax.geometry.light_space import light_space
 from shadowjax.rays.brute import BruteForceCaster
 from shadowjax.rays.grid.caster import GridCaster
 from shadowjax.scenes.closed_forms import ReceivingPlane, project
@@ -132,7 +131,7 @@ class Stage:
 
     def sampled(self, vertices: Array, mesh: Mesh, spots: Array) -> Array:
         """1 where a place of the plane is lit, else 0, by the exact test."""
-        space = light_space(self.light, jnp.asarray([1.0, 0.0, 0.0]), *self.receiver.mesh.bounds())
+        space = self.light.space(jnp.asarray([1.0, 0.0, 0.0]), *self.receiver.mesh.bounds())
         return _lit(Mesh(vertices, mesh.faces, mesh.face_colors), space, self.plane.to_world(spots))
 
     def in_pixels(self, values: Array) -> Array:

@@ -35,7 +35,6 @@ from shadowjax._checks import require_int
 from shadowjax._types import Array, Scalar
 from shadowjax.evaluate.measure import aliasing_map
 from shadowjax.geometry.camera import Camera
-from shadowjax.geometry.light_space import DirectionalSpace, light_space
 from shadowjax.optimize.solvers.bounded import BoundedMinimum, minimise_multistart
 from shadowjax.optimize.viewed.seen_pixels import STEEPEST, chart_between, mean_error, seen_pixels
 from shadowjax.plotting import PALETTE, label, new_figure, styled
@@ -162,8 +161,7 @@ def _measure(mesh: Mesh, points: Array, phi: Array, width: int) -> Array:
         valid = valid_receivers(surface, sun)
         depth = (surface.points - camera.position) @ camera.forward
         near, far = jnp.min(jnp.where(valid, depth, jnp.inf)), jnp.max(jnp.where(valid, depth, 0.0))
-        space = light_space(sun, camera.forward, *mesh.bounds())
-        assert isinstance(space, DirectionalSpace)
+        space = sun.space(camera.forward, *mesh.bounds())
         part = eqx.tree_at(lambda c: (c.near, c.far), camera, (near, far))
         corners, axis = space.project(part.frustum_corners())[0], view_axis(space, camera)
         extent = jnp.max(corners @ axis) - jnp.min(corners @ axis)

@@ -33,7 +33,7 @@ from shadowjax.scenes.base import to_mesh
 from shadowjax.scenes.primitives import box
 from shadowjax.shading import shade, trace_surface, valid_receivers, visibility_on
 from shadowjax.techniques.exact import Exact
-from shadowjax.volumes.extrude import homogeneous_light, volume_edges
+from shadowjax.volumes.extrude import volume_edges
 from shadowjax.volumes.regions import boundary
 from shadowjax.volumes.stencil import Counts, Stencil, eye_counts, is_lit, near_plane_counts
 
@@ -125,7 +125,7 @@ def look_at(mesh: Mesh, light: PointLight, camera: Camera, width: int) -> Seen:
     surface = trace_surface(mesh, camera, width, height, caster)
     valid = np.asarray(valid_receivers(surface, light))
     exact = np.asarray(visibility_on(surface, Exact(caster).build(mesh, light, camera))) > 0
-    found = boundary(mesh.vertices, mesh.faces, volume_edges(mesh), homogeneous_light(light), camera.position, "facing")
+    found = boundary(mesh.vertices, mesh.faces, volume_edges(mesh), light.homogeneous, camera.position, "facing")
     to_light, _ = light.to_light(surface.points)
     seen = surface.points + 1e-4 * (surface.normals + to_light) - camera.position
     near = seen * (camera.near / jnp.maximum(seen @ camera.forward, 1e-6))[..., None]

@@ -10,7 +10,6 @@ from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice, require_finite
 from shadowjax._numerics import dot, norm
 from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, as_float_array
-from shadowjax.geometry.light_space import DirectionalSpace
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -184,7 +183,7 @@ def depth_change(
         At most `limit · reach` texels, also where the surface is parallel to the light.
     """
     reach = jnp.broadcast_to(jnp.asarray(reach, points.dtype), points.shape[:-1])
-    if isinstance(grid.space, DirectionalSpace) and isinstance(grid.plane_map, Box):
+    if grid.space.is_parallel and isinstance(grid.plane_map, Box):
         return reach * depth_slope(grid, points, normals, limit)
     position, depth = grid.locate(points)
     behind = dot(normals, grid.space.to_source(points)) < 0

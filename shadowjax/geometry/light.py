@@ -1,4 +1,4 @@
-"""Lights: directional, spot and point; where they are seen from a point and how bright they are there."""
+"""Lights: directional, spot and point; their rays, where they are seen from a point and how bright they are there."""
 
 from abc import abstractmethod
 from typing import Annotated, Any, ClassVar
@@ -10,7 +10,9 @@ from shadowjax._checked import Checked
 from shadowjax._checks import POSITIVE, require, require_finite, require_value
 from shadowjax._numerics import dot, norm, normalize, safe_divide
 from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, Vector3, as_float_array
+from shadowjax.geometry.light_space import DirectionalSpace, LightSpace, OctahedralSpace, PerspectiveSpace
 from shadowjax.geometry.origin import ZERO, to_local
+from shadowjax.geometry.transforms import any_perpendicular, light_frame, view_frame
 
 
 class Light(Checked):
@@ -23,6 +25,60 @@ class Light(Checked):
     @abstractmethod
     def to_light(self, points: Points) -> tuple[Points, Float[Array, "*points"]]:
         """Unit direction from each point to the light and the distance to it (the far sentinel if at infinity)."""
+
+    @abstractmethod
+    def space(self, view: Vector3, lower: Vector3, upper: Vector3) -> LightSpace:
+        """The light's rays over a scene, as points of a plane.
+
+        Args:
+            view: View direction, which orients the plane (warping: z points the way the view points).
+            lower: Lower corner of the scene's bounding box, world units.
+            upper: Upper corner of the scene's bounding box.
+
+        Returns:
+            A space in which every point of the box has positive depth.
+        """
+
+    @property
+    @abstractmethod
+    def homogeneous(self) -> Float[Array, "4"]:
+        """The light as a point (x, y, z, w): w = 1 where it has a place, w = 0 at infinity."""
+
+    @abstractmethod
+    def moved(self, offsets: Float[Array, "samples 2"], towards: Vector3) -> "tuple[Light, ...]":
+        """The light at places of a disc that faces a point.
+
+        Args:
+            offsets: From the middle of the disc: world units; for a light at infinity tangents of angles.
+            towards: World point that the disc faces.
+        """
+
+    @property
+    def is_directional(self) -> bool:
+        """Whether the light lies at infinity, so that its rays are parallel."""
+        return False
+
+    @property
+    def is_omnidirectional(self) -> bool:
+        """Whether it shines into every direction from one place, so that no flat map holds its rays."""
+        return False
+
+    @property
+    def cone(self) -> Scalar | None:
+        """Tangent of the angle about the middle of the light's plane beyond which no light falls; None without one."""
+        return None
+
+    def as_directional(self, what: str, instead: str = "") -> "DirectionalLight":
+        """The same light, where only one at infinity will do.
+
+        Args:
+            what: Begins the message of the error, such as "faces need".
+            instead: Ends it with the remedy.
+
+        Raises:
+            ValueError: If the light is not directional.
+        """
+        raise ValueError(f"{what} a directional light; got {type(self).__name__}{instead}")
 
     @abstractmethod
     def radiance(self, points: Points) -> Float[Array, "*points 3"]:
@@ -43,6 +99,11 @@ def _position(value: ArrayLike, name: str, dtype: Any) -> Vector3:
     vector = require_finite(as_float_array(value, dtype), name)
     require(vector.shape == (3,), f"{name} must have shape (3,); got {vector.shape}")
     return vector
+
+
+def _on_disc(middle: Vector3, axis: Vector3, offsets: Float[Array, "samples 2"]) -> Float[Array, "samples 3"]:
+    across = any_perpendicular(axis)
+    return middle + offsets[:, :1] * across + offsets[:, 1:] * jnp.cross(axis, across)
 
 
 def _color(value: ArrayLike, dtype: Any) -> Vector3:
@@ -97,6 +158,35 @@ class DirectionalLight(Light):
         largest = jnp.finfo(points.dtype).max
         return jnp.broadcast_to(-self.direction, points.shape), jnp.full(points.shape[:-1], largest, points.dtype)
 
+    def space(self, view: Vector3, lower: Vector3, upper: Vector3) -> DirectionalSpace:
+        """Parallel rays."""
+        frame = light_frame(-self.direction, view)
+        centre = 0.5 * (lower + upper)
+        # Start every ray outside the sphere around the scene, a hundredth of it away from the nearest surface.
+        radius = 0.505 * norm(upper - lower)
+        return DirectionalSpace(centre + radius * frame[1], frame)
+
+    @property
+    def homogeneous(self) -> Float[Array, "4"]:
+        """The direction towards the light, with w = 0."""
+        return jnp.concatenate([-self.direction, jnp.zeros_like(self.direction[:1])])
+
+    def moved(self, offsets: Float[Array, "samples 2"], towards: Vector3) -> "tuple[DirectionalLight, ...]":
+        """Lights from directions about this one."""
+        del towards
+        directions = normalize(_on_disc(self.direction, self.direction, offsets))
+        return tuple(DirectionalLight(direction, self.color) for direction in directions)
+
+    @property
+    def is_directional(self) -> bool:
+        """Always."""
+        return True
+
+    def as_directional(self, what: str, instead: str = "") -> "DirectionalLight":
+        """Itself."""
+        del what, instead
+        return self
+
     def radiance(self, points: Points) -> Float[Array, "*points 3"]:
         """The light's colour everywhere."""
         return jnp.broadcast_to(self.color, points.shape)
@@ -130,6 +220,26 @@ class PointLight(Light):
         """Unit direction and distance to the light, world units."""
         offset = self.position - points
         return normalize(offset), norm(offset)
+
+    def space(self, view: Vector3, lower: Vector3, upper: Vector3) -> OctahedralSpace:
+        """Rays in every direction."""
+        del view, lower, upper
+        return OctahedralSpace(self.position)
+
+    @property
+    def homogeneous(self) -> Float[Array, "4"]:
+        """The position, with w = 1."""
+        return jnp.concatenate([self.position, jnp.ones_like(self.position[:1])])
+
+    def moved(self, offsets: Float[Array, "samples 2"], towards: Vector3) -> "tuple[PointLight, ...]":
+        """Lights at places about this one."""
+        places = _on_disc(self.position, normalize(towards - self.position), offsets)
+        return tuple(PointLight(place, self.color) for place in places)
+
+    @property
+    def is_omnidirectional(self) -> bool:
+        """Always."""
+        return True
 
     def radiance(self, points: Points) -> Float[Array, "*points 3"]:
         """Inverse-square falloff; 0, not infinity, at the light itself."""
@@ -188,6 +298,26 @@ class SpotLight(Light):
         """Unit direction and distance to the light, world units."""
         offset = self.position - points
         return normalize(offset), norm(offset)
+
+    def space(self, view: Vector3, lower: Vector3, upper: Vector3) -> PerspectiveSpace:
+        """Rays through the plane at distance 1 ahead."""
+        del view, lower, upper
+        return PerspectiveSpace(self.position, view_frame(self.direction, any_perpendicular(self.direction)))
+
+    @property
+    def homogeneous(self) -> Float[Array, "4"]:
+        """The position, with w = 1."""
+        return jnp.concatenate([self.position, jnp.ones_like(self.position[:1])])
+
+    def moved(self, offsets: Float[Array, "samples 2"], towards: Vector3) -> "tuple[SpotLight, ...]":
+        """Lights at places about this one."""
+        places = _on_disc(self.position, normalize(towards - self.position), offsets)
+        return tuple(SpotLight(place, self.direction, self.half_angle, self.color) for place in places)
+
+    @property
+    def cone(self) -> Scalar:
+        """Tangent of the half angle."""
+        return jnp.tan(self.half_angle)
 
     def covers(self, points: Points) -> Float[Array, "*points"]:
         """1 inside the cone, falling smoothly to 0 over the outer tenth of the cosine's range."""

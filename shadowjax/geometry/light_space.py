@@ -8,8 +8,7 @@ from shadowjax._checked import Checked, checked
 from shadowjax._numerics import dot, far_away, norm, normalize, rotate, safe_divide
 from shadowjax._types import Array, Bool, Float, Points, Scalar, Vector3
 from shadowjax.geometry.camera import Camera
-from shadowjax.geometry.light import DirectionalLight, Light, PointLight, SpotLight
-from shadowjax.geometry.transforms import Frame, any_perpendicular, light_frame, view_frame
+from shadowjax.geometry.transforms import Frame
 
 PlanePoints = Float[Array, "*points 2"]
 
@@ -32,6 +31,82 @@ class LightSpace(Checked):
     @abstractmethod
     def ray(self, plane: PlanePoints) -> tuple[Points, Points]:
         """Origin and unit direction of the ray at each plane position."""
+
+    @property
+    def is_parallel(self) -> bool:
+        """Whether all rays have one direction, so that texels have one size at every depth."""
+        return False
+
+    @property
+    def is_projective(self) -> bool:
+        """Whether straight lines of the world are straight on the plane, so that a triangle's image is a triangle."""
+        return False
+
+    @property
+    def border(self) -> str:
+        """What lies outside a map of the plane: "lit", or how the plane goes on there."""
+        return "lit"
+
+    @property
+    def whole_plane(self) -> tuple[Float[Array, "2"], Float[Array, "2"]] | None:
+        """Lower and upper corner of the plane where it is bounded; None where it has no end."""
+        return None
+
+    @property
+    def rows(self) -> Frame:
+        """Rows of the matrix that takes offsets from `source` to (x, y, w), of projective spaces.
+
+        The plane position is (x, y), with depth w, for parallel rays, and (x, y)/w for rays through the source.
+
+        Raises:
+            ValueError: If the space is not projective.
+        """
+        raise ValueError(f"{type(self).__name__} bends straight lines, so it has no matrix")
+
+    def as_directional(self, what: str) -> "DirectionalSpace":
+        """The same space, where only parallel rays will do.
+
+        Args:
+            what: Begins the message of the error, such as "a stable map needs".
+
+        Raises:
+            ValueError: If the rays are not parallel.
+        """
+        raise ValueError(f"{what} a directional light; got the rays of a {type(self).__name__}")
+
+    def as_perspective(self, what: str) -> "PerspectiveSpace":
+        """The same space, where only straight rays through one point will do; see `as_directional`."""
+        raise ValueError(f"{what}; got {type(self).__name__}")
+
+    def counted_from(self, point: Vector3) -> "LightSpace":
+        """The same rays with positions and depths counted from a point, where rays have no start of their own."""
+        del point
+        return self
+
+    def is_reached(self, plane: PlanePoints) -> Bool[Array, "*points"]:
+        """Whether a projected position stands for a ray: behind a position with a forward direction none arrives."""
+        return jnp.ones(plane.shape[:-1], bool)
+
+    def in_front(self, points: Points) -> Bool[Array, "*points"]:
+        """Whether a ray of the space reaches each point."""
+        return self.is_reached(self.project(points)[0])
+
+    def beyond(self, lower: Vector3, upper: Vector3) -> Scalar:
+        """As `farthest`, of a box given by offsets of its corners from `source`, world units."""
+        return 1.01 * norm(jnp.maximum(jnp.abs(lower), jnp.abs(upper)))
+
+    def farthest(self, lower: Vector3, upper: Vector3) -> Scalar:
+        """A finite depth beyond every point of a bounding box: what a miss reports.
+
+        Args:
+            lower: Lower corner of the box, world units.
+            upper: Upper corner of the box, world units.
+        """
+        return self.beyond(lower - self.source, upper - self.source)
+
+    def vector_to_source(self, points: Points) -> Points:
+        """Vectors from points to where their rays come from, of any length; without a square root."""
+        return self.source - points
 
     def point(self, plane: PlanePoints, depth: Float[Array, "*points"]) -> Points:
         """World point at `depth` along the ray of a plane position: the inverse of `project`."""
@@ -79,6 +154,38 @@ class DirectionalSpace(LightSpace):
         """The origin."""
         return self.origin
 
+    @property
+    def is_parallel(self) -> bool:
+        """Always."""
+        return True
+
+    @property
+    def is_projective(self) -> bool:
+        """Always."""
+        return True
+
+    @property
+    def rows(self) -> Frame:
+        """x, z and −y of the frame."""
+        return jnp.stack([self.frame[0], self.frame[2], -self.frame[1]])
+
+    def as_directional(self, what: str) -> "DirectionalSpace":
+        """Itself."""
+        del what
+        return self
+
+    def counted_from(self, point: Vector3) -> "DirectionalSpace":
+        """Parallel rays may be counted from anywhere."""
+        return DirectionalSpace(point, self.frame)
+
+    def beyond(self, lower: Vector3, upper: Vector3) -> Scalar:
+        """As `farthest`, of a box given by offsets of its corners from the origin."""
+        return dot(0.5 * (lower + upper), -self.frame[1]) + 0.75 * norm(upper - lower)
+
+    def vector_to_source(self, points: Points) -> Points:
+        """The way up."""
+        return jnp.broadcast_to(self.frame[1], points.shape)
+
     def way_to_source(self, points: Points) -> tuple[Points, Float[Array, "*points"]]:
         """The way up, without end: what blocks parallel light need not lie behind any start of its rays."""
         far = jnp.full(points.shape[:-1], far_away(points.dtype), points.dtype)
@@ -116,6 +223,25 @@ class PerspectiveSpace(LightSpace):
     def source(self) -> Vector3:
         """The position."""
         return self.position
+
+    @property
+    def is_projective(self) -> bool:
+        """Always."""
+        return True
+
+    @property
+    def rows(self) -> Frame:
+        """The frame itself."""
+        return self.frame
+
+    def as_perspective(self, what: str) -> "PerspectiveSpace":
+        """Itself."""
+        del what
+        return self
+
+    def is_reached(self, plane: PlanePoints) -> Bool[Array, "*points"]:
+        """Only what lies ahead of the position."""
+        return jnp.abs(plane[..., 0]) < UNREACHED
 
     def way_to_source(self, points: Points) -> tuple[Points, Float[Array, "*points"]]:
         """Towards the position, and the distance to it."""
@@ -157,6 +283,17 @@ class OctahedralSpace(LightSpace):
         """The position."""
         return self.position
 
+    @property
+    def border(self) -> str:
+        """The square is folded along its border."""
+        return "octahedral"
+
+    @property
+    def whole_plane(self) -> tuple[Float[Array, "2"], Float[Array, "2"]]:
+        """The square [−1, 1]²."""
+        one = jnp.ones(2, self.position.dtype)
+        return -one, one
+
     def way_to_source(self, points: Points) -> tuple[Points, Float[Array, "*points"]]:
         """Towards the position, and the distance to it."""
         offset = self.position - points
@@ -171,67 +308,3 @@ def _sign(value: Float[Array, "..."]) -> Float[Array, "..."]:
 def camera_space(camera: Camera) -> PerspectiveSpace:
     """The rays of a camera."""
     return PerspectiveSpace(camera.position, camera.rotation)
-
-
-@checked
-def light_space(light: Light, view: Vector3, lower: Vector3, upper: Vector3) -> LightSpace:
-    """The light space of any light over a scene.
-
-    Args:
-        light: Directional, spot or point light.
-        view: View direction, which orients the plane (warping: z points the way the view points).
-        lower: Lower corner of the scene's bounding box, world units.
-        upper: Upper corner of the scene's bounding box.
-
-    Returns:
-        A space in which every point of the box has positive depth.
-
-    Raises:
-        ValueError: For a light of an unknown kind.
-    """
-    if isinstance(light, DirectionalLight):
-        frame = light_frame(-light.direction, view)
-        centre = 0.5 * (lower + upper)
-        # Start every ray outside the sphere around the scene, a hundredth of it away from the nearest surface.
-        radius = 0.505 * norm(upper - lower)
-        return DirectionalSpace(centre + radius * frame[1], frame)
-    if isinstance(light, SpotLight):
-        return PerspectiveSpace(light.position, view_frame(light.direction, any_perpendicular(light.direction)))
-    if isinstance(light, PointLight):
-        return OctahedralSpace(light.position)
-    raise ValueError(f"no light space for a light of type {type(light).__name__}; use one of the package's lights")
-
-
-@checked
-def farthest(space: LightSpace, lower: Vector3, upper: Vector3) -> Scalar:
-    """A finite depth beyond every point of a bounding box: what a miss reports.
-
-    Args:
-        space: Any light space.
-        lower: Lower corner of the box, world units.
-        upper: Upper corner of the box, world units.
-    """
-    return beyond(space, lower - space.source, upper - space.source)
-
-
-@checked
-def beyond(space: LightSpace, lower: Vector3, upper: Vector3) -> Scalar:
-    """As `farthest`, of a box given by offsets of its corners from the space's `source`."""
-    if isinstance(space, DirectionalSpace):
-        return dot(0.5 * (lower + upper), -space.frame[1]) + 0.75 * norm(upper - lower)
-    return 1.01 * norm(jnp.maximum(jnp.abs(lower), jnp.abs(upper)))
-
-
-@checked
-def in_front(space: LightSpace, points: Points) -> Bool[Array, "*points"]:
-    """Whether a ray of the space reaches each point."""
-    plane, _ = space.project(points)
-    return is_reached(space, plane)
-
-
-@checked
-def is_reached(space: LightSpace, plane: PlanePoints) -> Bool[Array, "*points"]:
-    """Whether a projected position stands for a ray: only behind a position with a forward direction none arrives."""
-    if isinstance(space, PerspectiveSpace):
-        return jnp.abs(plane[..., 0]) < UNREACHED
-    return jnp.ones(plane.shape[:-1], bool)

@@ -5,7 +5,6 @@ import equinox as eqx
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require_choice
 from shadowjax._types import Array, Float, Int
-from shadowjax.geometry.light_space import OctahedralSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.outlines import MeshEdges
 from shadowjax.rays.caster import Caster
@@ -33,7 +32,7 @@ class ShadowMap(Checked):
     @property
     def border(self) -> str:
         """What lies outside the map: lit, or the folded continuation of an omnidirectional map."""
-        return "octahedral" if isinstance(self.grid.space, OctahedralSpace) else "lit"
+        return self.grid.space.border
 
 
 @checked

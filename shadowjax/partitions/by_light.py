@@ -2,7 +2,7 @@
 
 from shadowjax._types import Array, Int, Points
 from shadowjax.geometry.camera import Camera
-from shadowjax.geometry.light import DirectionalLight, Light
+from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.partitions.base import Partition
 from shadowjax.partitions.single import SingleMap
@@ -28,7 +28,7 @@ class ByLight(Partition):
 
     def of(self, light: Light) -> Partition:
         """The partition of a light."""
-        return self.directional if isinstance(light, DirectionalLight) else self.local
+        return self.directional if light.is_directional else self.local
 
     def fit(self, mesh: Mesh, light: Light, camera: Camera) -> Partition:
         """The partition of this light, placed."""

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from shadowjax._checks import require, require_choice, require_int, require_value
 from shadowjax._types import Array, ArrayLike, Float, Int, Points, Scalar, as_float_array
 from shadowjax.geometry.camera import Camera
-from shadowjax.geometry.light import DirectionalLight, Light, PointLight
+from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.partitions import seen_depths
 from shadowjax.partitions.base import Partition
@@ -159,10 +159,10 @@ class Cascades(Partition):
             return uniform_splits(near, far, k)
         if self.rule == "practical":
             return practical_splits(near, far, k, jnp.asarray(self.weight, near.dtype))
-        if self.rule == "logarithmic" or not isinstance(light, DirectionalLight) or k == 1:
+        if self.rule == "logarithmic" or not light.is_directional or k == 1:
             return logarithmic_splits(near, far, k)
         ratio = jnp.minimum(jnp.asarray(self.ratio, near.dtype), (far / near) ** (1 / k))
-        weight = camera.gamma(light.direction) / (math.pi / 2)
+        weight = camera.gamma(light.as_directional("adaptive splits need").direction) / (math.pi / 2)
         return iterate_adaptive(near, far, weight, jnp.broadcast_to(ratio, (k - 1,)), 0.25)
 
     def with_margin(self, texels: float) -> "Cascades":
@@ -179,7 +179,7 @@ class Cascades(Partition):
 
         One grid in all for a point light.
         """
-        if isinstance(light, PointLight):
+        if light.is_omnidirectional:
             return SingleMap(self.warp).grids(mesh, light, camera, resolution)
         space = seen_space(light, mesh, camera)
         planes = self.planes(mesh, light, camera)

@@ -9,9 +9,9 @@ import numpy as np
 
 from shadowjax._checked import checked
 from shadowjax._checks import require, require_int
-from shadowjax._types import Array, Float, Int, Points, Vector3
+from shadowjax._types import Array, Float, Int, Points
 from shadowjax.geometry.camera import Camera
-from shadowjax.geometry.light import DirectionalLight, Light, PointLight, SpotLight
+from shadowjax.geometry.light import Light
 from shadowjax.geometry.light_space import PerspectiveSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.partitions.base import Partition
@@ -57,29 +57,28 @@ class CubeMap(Partition):
         """One grid a face, in the order of `NAMES`; one alone for a directional light.
 
         Raises:
-            ValueError: If the margin leaves no texel for the faces themselves, or the light is of an unknown kind.
+            ValueError: If the margin leaves no texel for the faces themselves.
         """
-        if isinstance(light, DirectionalLight):
+        if light.is_directional:
             return SingleMap().grids(mesh, light, camera, resolution)
-        if not isinstance(light, PointLight | SpotLight):
-            raise ValueError(f"a cube needs a light of the package; got {type(light).__name__}")
         inner = resolution - 2 * self.margin
         require(
             inner >= 1,
             f"a resolution of {resolution} texels leaves nothing inside margins of {self.margin} for this filter; use "
             f"at least {2 * self.margin + 1}",
         )
+        position = light.homogeneous[:3]
         corner = jnp.full(2, resolution / inner, mesh.vertices.dtype)
         return tuple(
             starting_outside(space, UniformWarp(Box(-corner, corner)), mesh, resolution)
-            for space in (PerspectiveSpace(light.position, frame) for frame in face_frames(light.position.dtype))
+            for space in (PerspectiveSpace(position, frame) for frame in face_frames(position.dtype))
         )
 
     def select(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> Int[Array, "*points"]:
         """The face through which each point's direction from the light points; at the light itself the first."""
         if len(grids) == 1:
             return jnp.zeros(points.shape[:-1], jnp.int32)
-        return face_of(points - _position(grids))
+        return face_of(points - grids[0].space.source)
 
 
 @checked
@@ -107,12 +106,6 @@ def face_of(directions: Float[Array, "*points 3"]) -> Int[Array, "*points"]:
     axis = jnp.argmax(jnp.abs(directions), axis=-1)
     along = jnp.take_along_axis(directions, axis[..., None], axis=-1)[..., 0]
     return 2 * axis.astype(jnp.int32) + (along < 0).astype(jnp.int32)
-
-
-def _position(grids: tuple[RayGrid, ...]) -> Vector3:
-    space = grids[0].space
-    assert isinstance(space, PerspectiveSpace)
-    return space.position
 
 
 __all__ = ["NAMES", "CubeMap", "face_frames", "face_of"]

@@ -4,12 +4,11 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from shadowjax._checked import checked
-from shadowjax._checks import require
 from shadowjax._numerics import dot, safe_divide
 from shadowjax._types import Array, Bool, Float, Int, Points, Scalar, Vector2
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, Light
-from shadowjax.geometry.light_space import LightSpace, light_space
+from shadowjax.geometry.light_space import LightSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.partitions.base import Partition
 from shadowjax.rays.map_part import seen_space, starting_outside
@@ -56,11 +55,7 @@ class FacePartition(Partition):
         Raises:
             ValueError: If the light is not directional.
         """
-        kind = type(light).__name__
-        require(
-            isinstance(light, DirectionalLight),
-            f"faces need a directional light; got {kind}: use Cascades or SingleMap",
-        )
+        light = light.as_directional("faces need", ": use Cascades or SingleMap")
         space = seen_space(light, mesh, camera)
         near, far = visible_range(camera, mesh) if self.tight else (camera.near, camera.far)
         applies = _applies(space, camera)
@@ -93,7 +88,7 @@ def faces_that_apply(camera: Camera, light: DirectionalLight) -> Bool[Array, "4"
         light: A directional light; γ and the camera's roll decide.
     """
     zero = jnp.zeros(3, camera.near.dtype)
-    return _applies(light_space(light, camera.forward, zero, zero + 1), camera)
+    return _applies(light.space(camera.forward, zero, zero + 1), camera)
 
 
 @checked

@@ -11,7 +11,7 @@ from shadowjax._checked import Checked, checked
 from shadowjax._checks import require
 from shadowjax._numerics import faces_light, map_in_chunks
 from shadowjax._types import Array, Bool, Float, Int, Points
-from shadowjax.geometry.light_space import LightSpace, is_reached
+from shadowjax.geometry.light_space import LightSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.ray import Hit, Rays
 from shadowjax.rays.ray_grid import RayGrid
@@ -139,7 +139,7 @@ def shadow_rays(space: LightSpace, points: Points, normals: Points | None) -> tu
     directions, distance = space.way_to_source(start)
     plane, _ = space.project(points)
     # Nothing can meet a ray that ends before it starts.
-    limit = jnp.where(is_reached(space, plane), distance, -jnp.ones_like(distance))
+    limit = jnp.where(space.is_reached(plane), distance, -jnp.ones_like(distance))
     return Rays(start, directions, jnp.zeros((), points.dtype), limit), faces_light(side, to_source)
 
 

@@ -7,7 +7,7 @@ from shadowjax._numerics import dot, map_in_chunks, norm, rotate, safe_divide
 from shadowjax._types import Array, Bool, Float, Vector3
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
-from shadowjax.geometry.light_space import DirectionalSpace, LightSpace, PerspectiveSpace, beyond, light_space
+from shadowjax.geometry.light_space import DirectionalSpace, LightSpace, PerspectiveSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.plane_map import PlaneMap, region_corners, region_sides
 from shadowjax.rays.ray_grid import RayGrid
@@ -23,7 +23,6 @@ SLACK = 1e-5
 
 Corners = Float[Array, "faces 3 3"]
 # Spaces that keep lines straight, so that a triangle stays one on their plane.
-Straight = DirectionalSpace | PerspectiveSpace
 
 
 @checked
@@ -39,10 +38,7 @@ def seen_space(light: Light, mesh: Mesh, camera: Camera) -> LightSpace:
         camera: The view.
     """
     lower, upper = mesh.bounds()
-    space = light_space(light, camera.forward, lower, upper)
-    if isinstance(space, DirectionalSpace):
-        return DirectionalSpace(jnp.clip(camera.position, lower, upper), space.frame)
-    return space
+    return light.space(camera.forward, lower, upper).counted_from(jnp.clip(camera.position, lower, upper))
 
 
 @checked
@@ -59,15 +55,16 @@ def starting_outside(space: LightSpace, plane_map: PlaneMap, mesh: Mesh, resolut
         resolution: Texels along each side.
     """
     lower, upper = part_on_map(space, plane_map, mesh)
-    if isinstance(space, DirectionalSpace):
-        # As `light_space` starts the rays of a scene: outside the sphere around it, a hundredth of it away; and by what
-        # the rounding of the starts may move them.
-        rounding = CUT_ROUNDINGS * jnp.finfo(lower.dtype).eps * jnp.sum(jnp.abs(space.origin))
-        ahead = dot(0.5 * (lower + upper), space.frame[1]) + 0.505 * norm(upper - lower) + rounding
-        start = space.origin + ahead * space.frame[1]
-        lower, upper = (corner - (start - space.origin) for corner in (lower, upper))
-        space = DirectionalSpace(start, space.frame)
-    return RayGrid(space, plane_map, beyond(space, lower, upper), resolution, resolution)
+    if space.is_parallel:
+        # As `DirectionalLight.space` starts the rays of a scene: outside the sphere around it, a hundredth of it
+        # away; and by what the rounding of the starts may move them.
+        rounding = CUT_ROUNDINGS * jnp.finfo(lower.dtype).eps * jnp.sum(jnp.abs(space.source))
+        towards = -space.rows[2]
+        ahead = dot(0.5 * (lower + upper), towards) + 0.505 * norm(upper - lower) + rounding
+        start = space.source + ahead * towards
+        lower, upper = (corner - (start - space.source) for corner in (lower, upper))
+        space = space.counted_from(start)
+    return RayGrid(space, plane_map, space.beyond(lower, upper), resolution, resolution)
 
 
 @checked
@@ -86,7 +83,7 @@ def part_on_map(space: LightSpace, plane_map: PlaneMap, mesh: Mesh) -> tuple[Vec
         Corners as offsets from the space's `source`, world units.
     """
     everything = tuple(corner - space.source for corner in mesh.bounds())
-    if not isinstance(space, Straight):
+    if not space.is_projective:
         return everything[0], everything[1]
     border = region_corners(plane_map, mesh.vertices.dtype)
     middle = jnp.mean(border, axis=0)
@@ -120,9 +117,9 @@ def _cut(
     """
     offset = triangles - space.source
     # (x, y, w) of places at (x/w, y/w) on the plane
-    place = rotate(offset, space.frame)
-    if isinstance(space, DirectionalSpace):
-        place = jnp.stack([place[..., 0], place[..., 2], jnp.ones_like(place[..., 0])], axis=-1)
+    place = rotate(offset, space.rows)
+    if space.is_parallel:
+        place = place.at[..., 2].set(1.0)
 
     def inside(place: Float[Array, "*points 3"]) -> Bool[Array, "*points"]:
         size = jnp.abs(place) @ jnp.abs(sides).T

@@ -9,7 +9,7 @@ from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_value
 from shadowjax._numerics import dot, norm, normalize, safe_divide
 from shadowjax._types import ArrayLike, Points, Scalar, Vector3, as_float_array
-from shadowjax.geometry.light import DirectionalLight, Light, PointLight, SpotLight
+from shadowjax.geometry.light import Light
 from shadowjax.scenes.ellipse import Ellipse
 from shadowjax.scenes.polygons import (  # fmt: skip
     Points2,
@@ -108,17 +108,17 @@ def sphere_shadow(centre: Vector3, radius: Scalar, light: Light, plane: Receivin
     normal = plane.normal
     height = dot(centre - plane.origin, normal)
     radius = require_value(radius, (radius > 0) & (height >= radius), "the sphere must lie on the plane's lit side")
-    if isinstance(light, DirectionalLight):
-        lit = dot(light.direction, normal) < 0
-        travel = require_value(light.direction, lit, "the light must shine onto the plane's lit side")
+    if light.is_directional:
+        direction = -light.homogeneous[:3]
+        lit = dot(direction, normal) < 0
+        travel = require_value(direction, lit, "the light must shine onto the plane's lit side")
         nearness = jnp.zeros_like(radius)
-    elif isinstance(light, PointLight | SpotLight):
-        above = dot(light.position - plane.origin, normal) > height + radius
-        message = "the light must lie farther from the plane than the whole sphere"
-        offset = centre - require_value(light.position, above, message)
-        travel, nearness = normalize(offset), 1.0 / norm(offset)
     else:
-        raise ValueError(f"light must be directional, a point or a spot; got {type(light).__name__}")
+        position = light.homogeneous[:3]
+        above = dot(position - plane.origin, normal) > height + radius
+        message = "the light must lie farther from the plane than the whole sphere"
+        offset = centre - require_value(position, above, message)
+        travel, nearness = normalize(offset), 1.0 / norm(offset)
     frame = jnp.stack([plane.axis_u, plane.axis_v, plane.origin - centre], axis=-1)  # p = frame (u, v, 1)
     across = frame - jnp.outer(travel, travel @ frame)
     ray = nearness * frame + jnp.zeros_like(frame).at[:, 2].set(travel)

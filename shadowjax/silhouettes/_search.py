@@ -11,7 +11,7 @@ from shadowjax._checks import require_int
 from shadowjax._numerics import dot, norm, normalize, safe_divide
 from shadowjax._types import Array, Bool, Float, Int, Points, Scalar, Vector3
 from shadowjax.geometry.light import Light
-from shadowjax.geometry.light_space import LightSpace, farthest, light_space
+from shadowjax.geometry.light_space import LightSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.outlines import MeshEdges, free_side, outline
 from shadowjax.rays.caster import Caster
@@ -26,7 +26,6 @@ from shadowjax.silhouettes.coverage import (
     pairs_of,
     rays_beside,
     segments_on,
-    towards_source,
 )
 
 # Pieces of a shadow's edge for each cell of the view, if the view shows just the scene.
@@ -69,7 +68,7 @@ class Borders(NamedTuple):
 def space_of(light: Light, mesh: Mesh, shown: Mesh) -> LightSpace:
     """Rays of a light around everything."""
     lower, upper = _bounds(mesh, shown)
-    return light_space(light, jnp.asarray([0.36, 0.48, 0.8], lower.dtype), lower, upper)
+    return light.space(jnp.asarray([0.36, 0.48, 0.8], lower.dtype), lower, upper)
 
 
 def _bounds(mesh: Mesh, shown: Mesh) -> tuple[Vector3, Vector3]:
@@ -79,7 +78,7 @@ def _bounds(mesh: Mesh, shown: Mesh) -> tuple[Vector3, Vector3]:
 
 def carried(points: Points, space: LightSpace, onto: Float[Array, "n 3 3"]) -> tuple[Points, Bool[Array, "n"]]:
     """Where the light's rays through points meet the planes of triangles, and whether they do so behind the points."""
-    travel = -towards_source(space, points)
+    travel = -space.vector_to_source(points)
     corner = onto[:, 0]
     normal = jnp.cross(onto[:, 1] - corner, onto[:, 2] - corner)
     along = safe_divide(dot(corner - points, normal), dot(travel, normal))
@@ -157,8 +156,8 @@ def _seen_lines(mesh: Mesh, edges: MeshEdges, space: LightSpace, view: RayGrid) 
     """Edges that end a surface for the view, or its lit side."""
     start, end, inside = edge_ends(view, mesh, edges)
     first = mesh.vertices[edges.vertices[:, 0]]
-    parts = outline(mesh, edges, towards_source(view.space, first))
-    parts = parts | outline(mesh, edges, towards_source(space, first))
+    parts = outline(mesh, edges, view.space.vector_to_source(first))
+    parts = parts | outline(mesh, edges, space.vector_to_source(first))
     number = jnp.arange(start.shape[0], dtype=jnp.int32)
     zeros = jnp.zeros_like(start[:, 0])
     return (start, end, inside & parts), Line(jnp.zeros_like(parts), number, zeros, zeros + 1, jnp.zeros_like(number))
@@ -175,7 +174,7 @@ def _fallen_lines(
 ) -> tuple[tuple, Line]:
     """The light's outlines in short pieces, carried onto the planes of the faces behind the ends of each."""
     first, second = (mesh.vertices[edges.vertices[:, k]] for k in range(2))
-    casts = outline(mesh, edges, towards_source(space, first))
+    casts = outline(mesh, edges, space.vector_to_source(first))
     lower, upper = _bounds(mesh, shown)
     size: Scalar = jnp.maximum(norm(upper - lower), jnp.max(jnp.abs(jnp.stack([lower, upper]))))
     wanted = norm(second - first) / size * (PIECES * max(view.num_rows, view.num_cols))
@@ -187,10 +186,10 @@ def _fallen_lines(
     share = jnp.maximum(counts[edge], 1).astype(size.dtype)
     begin, end = (piece.astype(size.dtype) / share, (piece + 1).astype(size.dtype) / share)
     middle = on_edge(mesh, edges, edge, 0.5 * (begin + end))
-    across = normalize(jnp.cross(second[edge] - first[edge], towards_source(space, middle)))
+    across = normalize(jnp.cross(second[edge] - first[edge], space.vector_to_source(middle)))
     aside = ASIDE * jnp.finfo(size.dtype).eps * size
-    across = across * (aside * free_side(mesh, edges, towards_source(space, first))[edge])[:, None]
-    far = farthest(space, lower, upper)
+    across = across * (aside * free_side(mesh, edges, space.vector_to_source(first))[edge])[:, None]
+    far = space.farthest(lower, upper)
 
     def search(part: tuple) -> tuple[Array, ...]:
         exists, *places = part

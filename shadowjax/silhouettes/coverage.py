@@ -10,7 +10,6 @@ from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int, warn, without_tracers
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Bool, Float, Int, Points
-from shadowjax.geometry.light_space import DirectionalSpace, LightSpace, OctahedralSpace, PerspectiveSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.outlines import MeshEdges, outline
 from shadowjax.rays.brute import BruteForceCaster
@@ -149,7 +148,7 @@ def outline_pieces(
 def _find_pieces(mesh: Mesh, edges: MeshEdges, grid: RayGrid, caster: Caster, max_pairs: int | None) -> Pieces:
     """Pieces of the outline of the nearest layer, with the triangle on either side."""
     start, end, inside = edge_ends(grid, mesh, edges)
-    seen = inside & outline(mesh, edges, towards_source(grid.space, mesh.vertices[edges.vertices[:, 0]]))
+    seen = inside & outline(mesh, edges, grid.space.vector_to_source(mesh.vertices[edges.vertices[:, 0]]))
     pairs = pairs_of(start, end, seen, grid, max_pairs)
     caster = caster.prepared(mesh)
 
@@ -249,15 +248,6 @@ def default_room(grid: RayGrid) -> int:
 
 
 @checked
-def towards_source(space: LightSpace, points: Points) -> Points:
-    """Vectors from points to the source of a space's rays, of any length; without a square root."""
-    if isinstance(space, DirectionalSpace):
-        return jnp.broadcast_to(space.frame[1], points.shape)
-    assert isinstance(space, PerspectiveSpace | OctahedralSpace)
-    return space.position - points
-
-
-@checked
 def segments_on(grid: RayGrid, first: Points, second: Points) -> tuple[Array, Array, Bool[Array, "n"]]:
     """Ends of straight lines of the world in grid positions, the part behind a perspective view cut away.
 
@@ -269,14 +259,14 @@ def segments_on(grid: RayGrid, first: Points, second: Points) -> tuple[Array, Ar
     """
     space = grid.space
     require(
-        isinstance(space, DirectionalSpace | PerspectiveSpace),
+        space.is_projective,
         f"outlines need rays that keep lines straight; {type(space).__name__} bends them: use a directional or a spot "
         "light, or a camera",
     )
     before = jnp.ones(first.shape[:-1], bool)
-    if isinstance(space, PerspectiveSpace):
-        forward = space.frame[2]
-        ahead = [dot(points - space.position, jnp.broadcast_to(forward, points.shape)) for points in (first, second)]
+    if not space.is_parallel:
+        forward = space.rows[2]
+        ahead = [dot(points - space.source, jnp.broadcast_to(forward, points.shape)) for points in (first, second)]
         most = jnp.maximum(*ahead)
         before = most > 0
         limit = NEAREST * jnp.where(before, most, jnp.ones_like(most))
@@ -299,5 +289,5 @@ def edge_ends(grid: RayGrid, mesh: Mesh, edges: MeshEdges) -> tuple[Array, Array
 
 __all__ = [
     "Encode", "OutlinePieces", "coverage_depth", "coverage_planes", "default_room", "edge_ends", "outline_pieces",
-    "pairs_of", "plain_depth", "powers", "rays_beside", "segments_on", "towards_source",
+    "pairs_of", "plain_depth", "powers", "rays_beside", "segments_on",
 ]  # fmt: skip

@@ -3,7 +3,7 @@
 from shadowjax._types import Array, Float, Points
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
-from shadowjax.geometry.light_space import LightSpace, light_space
+from shadowjax.geometry.light_space import LightSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.brute import BruteForceCaster
 from shadowjax.rays.caster import Caster
@@ -25,7 +25,7 @@ class Exact(Technique):
     def build(self, mesh: Mesh, light: Light, camera: Camera) -> "ExactShadows":
         """Nothing to prepare but the space of the light's rays."""
         lower, upper = mesh.bounds()
-        return ExactShadows(mesh, light_space(light, camera.forward, lower, upper), self.caster)
+        return ExactShadows(mesh, light.space(camera.forward, lower, upper), self.caster)
 
     @property
     def num_tones(self) -> int:

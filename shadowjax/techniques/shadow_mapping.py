@@ -15,7 +15,6 @@ from shadowjax.filters.base import Filter, Lookup
 from shadowjax.filters.hard import Hard
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
-from shadowjax.geometry.light_space import DirectionalSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.outlines import MeshEdges, mesh_edges
 from shadowjax.maps.shadow_map import ShadowMap, build_covered_map, build_shadow_map
@@ -228,7 +227,7 @@ class MappedShadows(Shadows):
             texel_size(grid, points),
             shadow_map.border,
             None if self.view is None else pixel_footprint(self.view, grid, points, normals),
-            isinstance(grid.space, DirectionalSpace),
+            grid.space.is_parallel,
             plane_gradient(grid, points, normals) if follows else None,
         )
 

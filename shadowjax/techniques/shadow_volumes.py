@@ -12,12 +12,12 @@ from shadowjax._numerics import faces_light
 from shadowjax._types import Array, Float, Int, Points
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
-from shadowjax.geometry.light_space import LightSpace, in_front, light_space
+from shadowjax.geometry.light_space import LightSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.caster import receiver_gap
 from shadowjax.techniques.base import Shadows, Technique
 from shadowjax.volumes.draw import count_image
-from shadowjax.volumes.extrude import CASTERS, VolumeEdges, homogeneous_light, require_closed, volume_edges
+from shadowjax.volumes.extrude import CASTERS, VolumeEdges, require_closed, volume_edges
 from shadowjax.volumes.regions import Regions, boundary, count_regions
 from shadowjax.volumes.stencil import METHODS, Stencil, is_lit, method_regions, start_count
 
@@ -78,7 +78,7 @@ def _extruded(
     edges: VolumeEdges, mesh: Mesh, light: Light, camera: Camera, technique: ShadowVolumes
 ) -> "VolumeShadows":
     mesh, light, camera = jax.lax.stop_gradient((mesh, light, camera))
-    found = boundary(mesh.vertices, mesh.faces, edges, homogeneous_light(light), camera.position, technique.casters)
+    found = boundary(mesh.vertices, mesh.faces, edges, light.homogeneous, camera.position, technique.casters)
     found = found.held_back(FACE_ROUNDINGS)
     lower, upper = mesh.bounds()
     return VolumeShadows(
@@ -87,7 +87,7 @@ def _extruded(
         jnp.sum(found.wall_regions(False).weights != 0, dtype=jnp.int32),
         camera,
         light,
-        light_space(light, camera.forward, lower, upper),
+        light.space(camera.forward, lower, upper),
         technique.stencil,
     )
 
@@ -147,7 +147,7 @@ class VolumeShadows(Shadows):
         """1 where the side that is looked at faces the light and no volume holds the point, else 0."""
         to_light, _ = self.light.to_light(points)
         # No ray arrives behind a spot light, so nothing blocks one there.
-        lit = is_lit(self.count(points, normals)) | ~in_front(self.space, points)
+        lit = is_lit(self.count(points, normals)) | ~self.space.in_front(points)
         return (lit & faces_light(normals, to_light)).astype(points.dtype)
 
     @property

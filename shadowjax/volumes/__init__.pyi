@@ -4,7 +4,6 @@ from .bsp import build_bsp as build_bsp
 from .extrude import VolumeEdges as VolumeEdges
 from .extrude import edge_weights as edge_weights
 from .extrude import face_signs as face_signs
-from .extrude import homogeneous_light as homogeneous_light
 from .extrude import shadow_quads as shadow_quads
 from .extrude import volume_edges as volume_edges
 from .regions import Boundary as Boundary

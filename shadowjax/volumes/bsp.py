@@ -13,7 +13,7 @@ from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array, Bool, Float, Int, Vector3, default_dtype
 from shadowjax.geometry.edges import welded
-from shadowjax.geometry.light import DirectionalLight, Light
+from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.volumes._building import Grown, grow
 from shadowjax.volumes._cutting import Cutter
@@ -121,12 +121,7 @@ class BspTree(Checked):
 
         Source: stencil, sections 3.1 and 5.
         """
-        if isinstance(light, DirectionalLight):
-            height = self.planes[:, :3] @ -light.direction
-        else:
-            position: Any = light
-            height = self.planes[:, :3] @ position.position + self.planes[:, 3]
-        height = height[self.node]
+        height = (self.planes @ light.homogeneous)[self.node]
         return jnp.where(self.turned, -height, height) > 0
 
     def sources_facing(self, light: Light, num_polygons: int) -> Bool[Array, "polygons"]:

@@ -7,7 +7,7 @@ from jaxtyping import Num
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import concrete, require, require_choice
 from shadowjax._types import Array, Float, Int
-from shadowjax.geometry.light import DirectionalLight, Light, PointLight, SpotLight
+from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
 
 # Which faces cast: every face, or only those whose outer side the light sees.
@@ -80,20 +80,6 @@ def require_closed(edges: VolumeEdges) -> None:
 
 
 @checked
-def homogeneous_light(light: Light) -> Float[Array, "4"]:
-    """A light as a point (x, y, z, w): w = 1 where it has a place, w = 0 at infinity.
-
-    Raises:
-        ValueError: For a light of an unknown kind.
-    """
-    if isinstance(light, DirectionalLight):
-        return jnp.concatenate([-light.direction, jnp.zeros_like(light.direction[:1])])
-    if isinstance(light, PointLight | SpotLight):
-        return jnp.concatenate([light.position, jnp.ones_like(light.position[:1])])
-    raise ValueError(f"no shadow volume of a light of type {type(light).__name__}; use one of the package's lights")
-
-
-@checked
 def cross(a: Num[Array, "*n 3"], b: Num[Array, "*n 3"]) -> Num[Array, "*n 3"]:
     """Cross product, of integers too."""
     (ax, ay, az), (bx, by, bz) = ([part[..., axis] for axis in range(3)] for part in (a, b))
@@ -155,7 +141,7 @@ def shadow_quads(mesh: Mesh, light: Light, edges: VolumeEdges) -> Float[Array, "
         Homogeneous corners (x, y, z, w): first end, second end, second end and first end at infinity.
     """
     corners = mesh.vertices[edges.ends]
-    away = at_infinity(corners, homogeneous_light(light))
+    away = at_infinity(corners, light.homogeneous)
     near = jnp.concatenate([corners, jnp.ones_like(corners[..., :1])], axis=-1)
     far = jnp.concatenate([away, jnp.zeros_like(away[..., :1])], axis=-1)
     return jnp.concatenate([near, far[:, ::-1]], axis=1)

@@ -2,15 +2,12 @@
 
 import math
 
-import equinox as eqx
 import jax.numpy as jnp
 
 from shadowjax._checked import checked
 from shadowjax._checks import require_int
-from shadowjax._numerics import normalize
 from shadowjax._types import Array, Float, Scalar, Vector3
-from shadowjax.geometry.light import DirectionalLight, Light
-from shadowjax.geometry.transforms import any_perpendicular
+from shadowjax.geometry.light import Light
 
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 
@@ -35,13 +32,4 @@ def jittered(light: Light, radius: Scalar, num: int, towards: Vector3) -> tuple[
 
     Source: stencil, section 5.1, which moves the light a little for every picture that it accumulates.
     """
-    if isinstance(light, DirectionalLight):
-        axis, name = light.direction, "direction"
-    else:
-        axis, name = normalize(towards - light.position), "position"  # pyright: ignore[reportAttributeAccessIssue]
-    across = any_perpendicular(axis)
-    spots = disc(num).astype(axis.dtype) * radius
-    moved = getattr(light, name) + spots[:, :1] * across + spots[:, 1:] * jnp.cross(axis, across)
-    if name == "direction":
-        moved = normalize(moved)
-    return tuple(eqx.tree_at(lambda one: getattr(one, name), light, place) for place in moved)
+    return light.moved(disc(num).astype(towards.dtype) * radius, towards)

@@ -147,7 +147,7 @@ def boundary(
         vertices: Positions; integers give exact counts, as long as cubes of coordinates fit their type.
         faces: Corners of each face.
         edges: From `volume_edges`.
-        light: Homogeneous position (x, y, z, w), see `homogeneous_light`.
+        light: Homogeneous position (x, y, z, w), see `Light.homogeneous`.
         eye: Where segments start.
         casters: "both", or "facing" for only the faces whose outer side the light sees.
     """

@@ -11,7 +11,7 @@ from shadowjax._numerics import dot, norm, normalize, rotate, safe_divide
 from shadowjax._types import Array, Float, Scalar, Vector3
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
-from shadowjax.geometry.light_space import DirectionalSpace, LightSpace, PerspectiveSpace, in_front
+from shadowjax.geometry.light_space import DirectionalSpace, LightSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.transforms import PARALLEL_ROUNDINGS, light_frame, perpendicular_part
 from shadowjax.theory.aliasing import near_distances, optimal
@@ -116,7 +116,8 @@ class PerspectiveFit(WarpFit):
             ValueError: If the light is a point light: its rays fill a sphere and have no plane to warp.
         """
         near, far = visible_range(camera, mesh) if self.tight else (camera.near, camera.far)
-        if isinstance(space, DirectionalSpace):
+        if space.is_parallel:
+            space = space.as_directional("a perspective fit needs")
             points = padded(space.project(corners(camera, near, far))[0])
             frustum = light_frustum(camera, -space.frame[1], near, far)
             return PerspectiveWarp.fit(points, 1 / NEAR_DISTANCES[self.rule](frustum), view_axis(space, camera))
@@ -142,9 +143,8 @@ class LogarithmicFit(WarpFit):
         Raises:
             ValueError: If the light is not directional.
         """
-        if not isinstance(space, DirectionalSpace):
-            kind = type(light).__name__
-            raise ValueError(f"the logarithmic warp needs a directional light; got {kind}: use PerspectiveFit")
+        light.as_directional("the logarithmic warp needs", ": use PerspectiveFit")
+        space = space.as_directional("the logarithmic warp needs")
         near, far = visible_range(camera, mesh) if self.tight else (camera.near, camera.far)
         points = padded(space.project(corners(camera, near, far))[0])
         frustum = light_frustum(camera, -space.frame[1], near, far)
@@ -174,10 +174,7 @@ def spot_strength(
     Raises:
         ValueError: If the space is not that of a spot light.
     """
-    if not isinstance(space, PerspectiveSpace):
-        raise ValueError(
-            f"perspective warps need a directional or a spot light; got {type(space).__name__}: use UniformFit"
-        )
+    space = space.as_perspective("perspective warps need a directional or a spot light (for others use UniformFit)")
     seen = receiver_outline(space, light, mesh, camera)
     points = seen.plane
     near, far = camera.near, camera.far
@@ -194,7 +191,7 @@ def spot_strength(
     # corners count too: where the axis leaves the cone, they alone say how far the receivers reach
     samples = jnp.concatenate([samples, seen.corners])
     offset = space.project(samples)[0] @ axis - lowest
-    weighed = in_front(space, samples) & (offset >= 0) & (offset <= extent) & recedes & seen.some
+    weighed = space.in_front(samples) & (offset >= 0) & (offset <= extent) & recedes & seen.some
     distance = (samples - space.position) @ space.frame[2]
     weight = jnp.where(weighed, safe_divide(jnp.abs(distance), (samples - camera.position) @ camera.forward), 0)
     # what has no weight lies at the far end, where without any other point nothing asks for a warp

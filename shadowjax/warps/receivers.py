@@ -10,8 +10,8 @@ from shadowjax._checked import checked
 from shadowjax._numerics import dot, normalize
 from shadowjax._types import Array, Bool, Float, Points
 from shadowjax.geometry.camera import Camera
-from shadowjax.geometry.light import Light, SpotLight
-from shadowjax.geometry.light_space import LightSpace, PerspectiveSpace, in_front
+from shadowjax.geometry.light import Light
+from shadowjax.geometry.light_space import LightSpace
 from shadowjax.geometry.mesh import Mesh
 
 # Planes that meet in an angle of less have no corner worth a float32: what is lost is as thin.
@@ -54,15 +54,14 @@ def receiver_corners(
         unit = jnp.zeros_like(forward).at[axis].set(1.0)
         normals += [unit, -unit]
         offsets += [lower[axis], -upper[axis]]
-    if isinstance(space, PerspectiveSpace) and isinstance(light, SpotLight):
-        right, up, ahead = space.frame
-        tangent = jnp.tan(light.half_angle)
+    if (tangent := light.cone) is not None:
+        right, up, ahead = space.rows
         for axis in (right, -right, up, -up):
             normals.append(normalize(tangent * ahead + axis))
-            offsets.append(dot(normals[-1], space.position - camera.position))
+            offsets.append(dot(normals[-1], space.source - camera.position))
     found, inside = _corners(jnp.stack(normals), jnp.stack(offsets), SLACK * length)
     found = found + camera.position
-    return found, inside & in_front(space, found)
+    return found, inside & space.in_front(found)
 
 
 def _corners(
@@ -119,13 +118,13 @@ def _without_receivers(space: LightSpace, light: Light, camera: Camera) -> Float
     """An area of the plane where nothing is to be seen: the frustum's, cut to the cone, or all of the cone."""
     frustum = camera.frustum_corners()
     plane, _ = space.project(frustum)
-    if not isinstance(light, SpotLight):
+    if light.cone is None:
         return plane
     signs = jnp.asarray([[-1, -1], [1, -1], [1, 1], [-1, 1]] * 2, plane.dtype)
-    cone = jnp.tan(light.half_angle) * signs
+    cone = light.cone * signs
     cut = jnp.clip(plane, cone[0], cone[2])
     has_area = jnp.all(jnp.max(cut, axis=0) > jnp.min(cut, axis=0))
-    return jnp.where(jnp.all(in_front(space, frustum)) & has_area, cut, cone)
+    return jnp.where(jnp.all(space.in_front(frustum)) & has_area, cut, cone)
 
 
 __all__ = ["Outline", "receiver_corners", "receiver_outline"]

@@ -5,12 +5,12 @@ import jax
 import jax.numpy as jnp
 
 from shadowjax._checked import checked
-from shadowjax._checks import require, require_int
+from shadowjax._checks import require_int
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Float, Scalar, Vector3
 from shadowjax.geometry.camera import Camera
-from shadowjax.geometry.light import DirectionalLight, Light
-from shadowjax.geometry.light_space import DirectionalSpace, LightSpace
+from shadowjax.geometry.light import Light
+from shadowjax.geometry.light_space import LightSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.transforms import any_perpendicular
 from shadowjax.warps.base import WarpFit
@@ -44,16 +44,12 @@ class StableFit(WarpFit):
         Raises:
             ValueError: If the light is not directional: only parallel rays have texels of one size everywhere.
         """
-        kind = type(light).__name__
-        require(
-            isinstance(space, DirectionalSpace), f"a stable map needs a directional light; got {kind}: use UniformFit"
-        )
-        assert isinstance(space, DirectionalSpace)
-        assert isinstance(light, DirectionalLight)
+        direction = light.as_directional("a stable map needs", ": use UniformFit").direction
+        space = space.as_directional("a stable map needs")
         centre, radius = bounding_sphere(camera)
         size = 2 * radius * self.steps / (self.steps - 1)
         # a direction that the light alone decides, seen in the plane's coordinates, which turn with the view
-        fixed = any_perpendicular(light.direction)
+        fixed = any_perpendicular(direction)
         axis = jnp.stack([dot(space.frame[0], fixed), dot(space.frame[2], fixed)])
         world_origin, _ = space.project(jnp.zeros_like(centre))
         middle, _ = space.project(centre)

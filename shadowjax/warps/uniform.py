@@ -6,8 +6,8 @@ import jax.numpy as jnp
 from shadowjax._checks import require_choice
 from shadowjax._types import Array, Float
 from shadowjax.geometry.camera import Camera
-from shadowjax.geometry.light import Light, SpotLight
-from shadowjax.geometry.light_space import LightSpace, OctahedralSpace
+from shadowjax.geometry.light import Light
+from shadowjax.geometry.light_space import LightSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.plane_map import Box
 from shadowjax.warps.base import Warp, WarpFit, bounding_box
@@ -63,13 +63,12 @@ class UniformFit(WarpFit):
 
     def fit(self, space: LightSpace, light: Light, mesh: Mesh, camera: Camera) -> UniformWarp:
         """The smallest rectangle along the axes of the light's plane around what it has to cover."""
-        if isinstance(space, OctahedralSpace):
-            one = jnp.ones(2, mesh.vertices.dtype)
-            return UniformWarp(Box(-one, one))
+        if (whole := space.whole_plane) is not None:
+            return UniformWarp(Box(*whole))
         if self.cover == "view":
             return UniformWarp(Box(*bounding_box(receiver_outline(space, light, mesh, camera).plane)))
-        if isinstance(light, SpotLight):
-            reach = jnp.broadcast_to(jnp.tan(light.half_angle), (2,))
+        if (cone := light.cone) is not None:
+            reach = jnp.broadcast_to(cone, (2,))
             return UniformWarp(Box(-reach, reach))
         plane, _ = space.project(mesh.vertices)
         return UniformWarp(Box(*bounding_box(plane)))

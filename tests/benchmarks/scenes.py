@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 
 from shadowjax import Camera, DirectionalLight, RayGrid, camera_grid, load
-from shadowjax.geometry.light_space import DirectionalSpace, farthest, light_space
+from shadowjax.geometry.light_space import DirectionalSpace
 from shadowjax.rays.plane_map import Box
 
 # Subdivisions of an icosahedron and the number of triangles that each gives (20 · 4^k, and 2 of the plane).
@@ -108,10 +108,10 @@ def view(geometry: Geometry, projection: str, resolution: int, step: int = 0) ->
 def _light_grid(geometry: Geometry, towards: np.ndarray, resolution: int) -> RayGrid:
     lower, upper = (jnp.asarray(bound(geometry.vertices, 0)) for bound in (np.min, np.max))
     light = DirectionalLight.create(-towards, dtype=jnp.float32)
-    space = light_space(light, jnp.asarray([0.0, 0.0, 1.0], jnp.float32), lower, upper)
+    space = light.space(jnp.asarray([0.0, 0.0, 1.0], jnp.float32), lower, upper)
     middle = space.project(jnp.asarray(geometry.centre, jnp.float32))[0]
     box = Box(middle - 1.2 * geometry.radius, middle + 1.2 * geometry.radius)
-    return RayGrid(space, box, farthest(space, lower, upper), resolution, resolution)
+    return RayGrid(space, box, space.farthest(lower, upper), resolution, resolution)
 
 
 def _camera_grid(geometry: Geometry, towards: np.ndarray, resolution: int) -> RayGrid:

@@ -17,7 +17,6 @@ from jax import lax
 from shapes import bumpy_sphere, lights
 
 from shadowjax import Camera, Mesh, Rays, camera_grid, coverage_depth, mesh_edges, shadow_picture
-from shadowjax.geometry.light_space import farthest, light_space
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import CASTERS, make_caster
 from shadowjax.rays.grid.caster import GridCaster
@@ -41,9 +40,9 @@ Operation = Callable[[Caster, Mesh, str], Any]
 def grid_of(mesh: Mesh, kind: str) -> RayGrid:
     """Rays of a light over the mesh, through the middle of its plane."""
     bounds = mesh.bounds()
-    space = light_space(LIGHTS[kind], jnp.asarray([0.1, 0.2, 1.0], DTYPE), *bounds)
+    space = LIGHTS[kind].space(jnp.asarray([0.1, 0.2, 1.0], DTYPE), *bounds)
     half = jnp.full(2, {"directional": 2.0, "spot": 0.5, "point": 1.0}[kind], DTYPE)
-    return RayGrid(space, Box(-half, half), farthest(space, *bounds), SIDE, SIDE)
+    return RayGrid(space, Box(-half, half), space.farthest(*bounds), SIDE, SIDE)
 
 
 def depth(caster: Caster, mesh: Mesh, kind: str) -> Any:
@@ -196,9 +195,9 @@ def test_of_copies_of_a_triangle_the_lowest_index_wins_whatever_corner_they_begi
     copies = np.concatenate([corners[:, order] for order in orders]).reshape(-1, 3)
     mesh = Mesh.create(copies, np.arange(len(copies)).reshape(-1, 3), dtype=dtype)
     for kind in ("directional", "spot"):
-        space = light_space(lights(dtype)[kind], jnp.asarray([0.1, 0.2, 1.0], dtype), *mesh.bounds())
+        space = lights(dtype)[kind].space(jnp.asarray([0.1, 0.2, 1.0], dtype), *mesh.bounds())
         half = jnp.full(2, 0.8 if kind == "directional" else 0.3, dtype)
-        grid = RayGrid(space, Box(-half, half), farthest(space, *mesh.bounds()), 40, 40)
+        grid = RayGrid(space, Box(-half, half), space.farthest(*mesh.bounds()), 40, 40)
         face = np.asarray(cast_grid(make_caster(caster), mesh, grid).face)
         assert np.sum(face >= 0) > 500
         assert face.max() < num, f"{np.sum(face >= num)} of {np.sum(face >= 0)} hits go to a later copy"

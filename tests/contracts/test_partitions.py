@@ -16,7 +16,6 @@ import pytest
 
 from shadowjax import Camera, DirectionalLight, Mesh, PointLight, SpotLight
 from shadowjax.evaluate.shimmer import in_view
-from shadowjax.geometry.light_space import light_space
 from shadowjax.partitions.cascades import Cascades
 from shadowjax.partitions.faces import FacePartition, faces_that_apply
 from shadowjax.partitions.registry import PARTITIONS
@@ -236,7 +235,7 @@ def test_a_point_light_gets_one_map_and_slices_of_it_are_no_copies():
     light = PointLight.create((0.0, 30.0, -20.0))
     partition, grids = place(Cascades(4, warp=WARP_FITS["scene"]()), CAMERA, light, 16)
     assert len(grids) == 1
-    points = beside(light_space(LIGHTS["sun"], CAMERA.forward, *MESH.bounds()), jnp.ones(len(DEPTHS)))
+    points = beside(LIGHTS["sun"].space(CAMERA.forward, *MESH.bounds()), jnp.ones(len(DEPTHS)))
     assert float(jnp.min(shares_at(partition, grids, CAMERA, points))) == 1
     with pytest.raises(ValueError, match="directional or a spot light; got OctahedralSpace"):
         place(Cascades(4), CAMERA, light, 16)

@@ -9,7 +9,6 @@ from shapes import above, lights, plate_over_plane
 
 from shadowjax import BruteForceCaster, DirectionalLight, camera_grid, trace_surface
 from shadowjax.evaluate.measure import aliasing_map
-from shadowjax.geometry.light_space import farthest, light_space
 from shadowjax.optimize.viewed.near_distance_and_splits import (
     mean_error,
     near_distance_for_view,
@@ -40,13 +39,13 @@ def pixels(surface):
 def test_predicted_mean_is_the_mean_of_the_measured_jacobians(surface, projection):
     """Pixels per texel by differentiating both projections of the real map, against four moments."""
     pixels = seen_pixels(surface, CAMERA, LIGHT, projection)
-    space = light_space(LIGHT, CAMERA.forward, *MESH.bounds())
+    space = LIGHT.space(CAMERA.forward, *MESH.bounds())
     body = space.project(corners(CAMERA, pixels.frustum.near, pixels.frustum.far))[0]
     valid = np.asarray(pixels.weight > 0)
     assert valid.sum() > 300
     for distance in (1.0, 7.0, 1e6):
         warp = PerspectiveWarp.fit(body, 1 / distance, view_axis(space, CAMERA))
-        grid = RayGrid(space, warp, farthest(space, *MESH.bounds()), SIZE, SIZE)
+        grid = RayGrid(space, warp, space.farthest(*MESH.bounds()), SIZE, SIZE)
         found = aliasing_map(camera_grid(CAMERA, SIZE, SIZE), grid, surface.points, surface.normals)
         measured = np.asarray(found.total if projection else found.perspective).reshape(-1)
         mean = measured[valid].sum() / np.asarray(pixels.weight).sum()

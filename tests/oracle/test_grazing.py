@@ -10,7 +10,6 @@ import pytest
 import trimesh
 
 from shadowjax import DirectionalLight, Hit, Mesh, Rays, SpotLight, intersect
-from shadowjax.geometry.light_space import farthest, light_space
 from shadowjax.rays.casters import CASTERS, make_caster
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
@@ -88,11 +87,11 @@ def view(mesh: Mesh, kind: str, elevation: float) -> RayGrid:
     if kind == "spot":
         light = SpotLight.create(3 * towards, -towards, 0.7, 20.0, dtype=jnp.float32)
     lower, upper = mesh.bounds()
-    space = light_space(light, jnp.asarray([0.0, 1.0, 0.0], jnp.float32), lower, upper)
+    space = light.space(jnp.asarray([0.0, 1.0, 0.0], jnp.float32), lower, upper)
     middle = space.project(jnp.zeros(3, jnp.float32))[0]
     # What a low sun sees is flat.
     size = jnp.asarray([1.2, 0.16] if kind == "directional" else [0.06, 0.06], jnp.float32)
-    return RayGrid(space, Box(middle - size, middle + size), farthest(space, lower, upper), SIDE, SIDE)
+    return RayGrid(space, Box(middle - size, middle + size), space.farthest(lower, upper), SIDE, SIDE)
 
 
 @pytest.mark.parametrize("kind", ["directional", "spot"])

@@ -20,7 +20,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from shadowjax import BruteForceCaster, Mesh, Rays
-from shadowjax.geometry.light_space import DirectionalSpace, PerspectiveSpace, farthest
+from shadowjax.geometry.light_space import DirectionalSpace, PerspectiveSpace
 from shadowjax.rays.bvh.caster import BvhCaster
 from shadowjax.rays.caster import shadow_rays
 from shadowjax.rays.grid._project import NEAREST
@@ -262,7 +262,7 @@ def test_the_grid_caster_is_brute_force_and_its_shadows_are_true(
     rays, facing = shadow_rays(grid.space, image, None)
     flat = rays.flattened()
     origins, directions, limits = (np.asarray(a, float) for a in (flat.origins, flat.directions, flat.t_max))
-    reach = float(farthest(grid.space, *mesh.bounds()))
+    reach = float(grid.space.farthest(*mesh.bounds()))
     asked = np.asarray(facing).reshape(-1) & (limits > 0)
     answers = np.stack([np.ravel(lit), np.ravel(brute_lit)], axis=1)
     for index in np.flatnonzero(asked):

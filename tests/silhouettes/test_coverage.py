@@ -8,7 +8,7 @@ from shapes import plate_over_plane
 
 from shadowjax import DirectionalLight, Mesh, RayGrid, astype, coverage_planes, mesh_edges, plane_receiver
 from shadowjax._numerics import normalize
-from shadowjax.geometry.light_space import OctahedralSpace, light_space
+from shadowjax.geometry.light_space import OctahedralSpace
 from shadowjax.rays.plane_map import Box
 from shadowjax.silhouettes._cells import BESIDE
 from shadowjax.silhouettes._pieces import INSET
@@ -63,7 +63,7 @@ def depths_of_powers():
 def seen_along(direction):
     """The rays of a parallel light, in a map almost as wide as the floor."""
     mesh = astype(MESH, direction.dtype)
-    space = light_space(DirectionalLight(normalize(direction), 1 + 0 * direction), 1 + 0 * direction, *mesh.bounds())
+    space = DirectionalLight(normalize(direction), 1 + 0 * direction).space(1 + 0 * direction, *mesh.bounds())
     half = 3 + 0 * direction[:2]
     return mesh, RayGrid(space, Box(-half, half), 12 + 0 * direction[0], SIZE, SIZE)
 

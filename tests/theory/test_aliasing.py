@@ -10,7 +10,6 @@ from shapes import above, lights, plate_over_plane
 from views import random_frusta
 
 from shadowjax.evaluate import measure
-from shadowjax.geometry.light_space import farthest, light_space
 from shadowjax.partitions.cascades import logarithmic_splits
 from shadowjax.rays.ray_grid import RayGrid, camera_grid
 from shadowjax.theory.aliasing import error as aliasing_error
@@ -196,7 +195,7 @@ def test_slices_approach_the_logarithmic_map():
 def test_aliasing_map_of_a_scene_is_the_limit_of_its_footprints():
     """Areas of texel and pixel quadrilaterals on real surfaces: their ratio meets the Jacobian at second order."""
     mesh, camera, light = plate_over_plane(), above(), lights()["directional"]
-    space = light_space(light, camera.forward, *mesh.bounds())
+    space = light.space(camera.forward, *mesh.bounds())
     warp = jax.jit(lambda camera: PerspectiveFit().fit(space, light, mesh, camera))(camera)
     spots = np.random.default_rng(5).uniform(-1.5, 1.5, (30, 2))
     points = jnp.stack([jnp.asarray(spots[:, 0]), jnp.zeros(30), jnp.asarray(spots[:, 1])], axis=-1)
@@ -204,7 +203,7 @@ def test_aliasing_map_of_a_scene_is_the_limit_of_its_footprints():
 
     @partial(jax.jit, static_argnums=0)
     def both_ways(size, points):
-        shadow_map = RayGrid(space, warp, farthest(space, *mesh.bounds()), size, size)
+        shadow_map = RayGrid(space, warp, space.farthest(*mesh.bounds()), size, size)
         image = camera_grid(camera, size, size)
         found = measure.aliasing_map(image, shadow_map, points, normals)
         texel = measure.footprint(shadow_map, shadow_map.locate(points)[0], points, normals)

@@ -9,7 +9,6 @@ from shapes import plate_over_plane
 
 from shadowjax import Camera, DirectionalLight, Exact, ShadowMapping, SpotLight
 from shadowjax.evaluate.shimmer import in_view
-from shadowjax.geometry.light_space import light_space
 from shadowjax.partitions.cascades import Cascades
 from shadowjax.partitions.faces import FacePartition
 from shadowjax.partitions.single import SingleMap
@@ -91,7 +90,7 @@ def test_a_spot_light_that_sees_part_of_the_view_gets_that_part_and_a_flat_frust
     camera = Camera.look_at((0.0, 0.7, 0.9), (0.0, 0.1, 3.5), phi_y=0.5, near=0.3, far=6.0)
     for direction, some in (((0.0, -0.1, 1.0), True), ((0.0, 1.0, -0.2), False)):
         beside = SpotLight.create((0.0, 1.2, 2.0), direction, 0.6)
-        space = light_space(beside, camera.forward, *mesh.bounds())
+        space = beside.space(camera.forward, *mesh.bounds())
         warp = PerspectiveFit().fit(space, beside, mesh, camera)
         assert all(np.isfinite(x).all() for x in jax.tree.leaves(warp))
         seen = receiver_outline(space, beside, mesh, camera)

@@ -28,7 +28,7 @@ from shadowjax import (
     visibility_on,
 )
 from shadowjax.shading import valid_receivers
-from shadowjax.volumes.extrude import homogeneous_light, shadow_quads, volume_edges
+from shadowjax.volumes.extrude import shadow_quads, volume_edges
 from shadowjax.volumes.jitter import disc, jittered
 
 SIDE = 40  # pixels
@@ -204,7 +204,7 @@ def test_quads_have_their_far_corners_at_infinity():
     for light in lights().values():
         quads = np.asarray(shadow_quads(mesh, light, edges))
         np.testing.assert_array_equal(quads[:, :, 3], [[1, 1, 0, 0]] * len(quads))
-        source = np.asarray(homogeneous_light(light))
+        source = np.asarray(light.homogeneous)
         # The far corner lies on the line of the light and the near one: x − w·near is along the light's ray.
         away = source[3] * quads[:, 0, :3] - source[:3]
         np.testing.assert_allclose(np.cross(away, quads[:, 3, :3]), 0, atol=1e-12)

@@ -9,7 +9,6 @@ from shapes import above, lights, plate_over_plane
 
 from shadowjax import BruteForceCaster, Hard, build_shadow_map
 from shadowjax.filters.base import Lookup
-from shadowjax.geometry.light_space import farthest, light_space
 from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.warps.fit import NEAR_DISTANCES, corners, light_frustum, padded, view_axis
 from shadowjax.warps.logarithmic import LogarithmicWarp, log_distance
@@ -40,7 +39,7 @@ def edge_points():
 
 
 SPOTS, NORMALS, AWAY = edge_points()
-SPACE = light_space(LIGHT, CAMERA.forward, *MESH.bounds())
+SPACE = LIGHT.space(CAMERA.forward, *MESH.bounds())
 
 
 @eqx.filter_jit
@@ -65,7 +64,7 @@ def wrong_areas(warp, resolution):
     reach = REACH / resolution
     spots, zero = SPOTS + reach * AWAY[:, None] * NORMALS, jnp.zeros(len(SPOTS))
     points = jnp.stack([spots[:, 0], zero, spots[:, 1]], axis=-1)
-    grid = RayGrid(SPACE, warp, farthest(SPACE, *MESH.bounds()), resolution, resolution)
+    grid = RayGrid(SPACE, warp, SPACE.farthest(*MESH.bounds()), resolution, resolution)
     shadow_map = build_shadow_map(BruteForceCaster(), MESH, grid)
     position, depth = grid.locate(points)
     visibility = Hard().visibility(shadow_map.depth[None], Lookup(position, depth, zero + 0.3, zero + 1))

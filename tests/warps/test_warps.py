@@ -8,7 +8,6 @@ import pytest
 from shapes import above, lights, plate_over_plane
 
 from shadowjax import Exact, ShadowMapping, astype
-from shadowjax.geometry.light_space import light_space
 from shadowjax.partitions.cascades import Cascades
 from shadowjax.partitions.single import SingleMap
 from shadowjax.theory.aliasing.light_frustum import strength_of
@@ -87,10 +86,10 @@ def test_bad_input_is_named():
     with pytest.raises(ValueError, match="warp rule"):
         PerspectiveFit("steepest")
     mesh, camera, every = plate_over_plane(), above(), lights()
-    space = light_space(every["point"], camera.forward, *mesh.bounds())
+    space = every["point"].space(camera.forward, *mesh.bounds())
     with pytest.raises(ValueError, match="directional or a spot light"):
         PerspectiveFit().fit(space, every["point"], mesh, camera)
-    space = light_space(every["spot"], camera.forward, *mesh.bounds())
+    space = every["spot"].space(camera.forward, *mesh.bounds())
     with pytest.raises(ValueError, match="needs a directional light"):
         LogarithmicFit().fit(space, every["spot"], mesh, camera)
 
@@ -107,7 +106,7 @@ def place(fit, space, light, mesh, camera):
 @pytest.mark.parametrize("name", ["uniform", "generalised", "minimax", "balanced", "trapezoidal", "logarithmic"])
 def test_fits_cover_the_frustum_in_both_dtypes(name, dtype):
     mesh, camera, light = astype((plate_over_plane(), above(), lights()["directional"]), dtype)
-    space = light_space(light, camera.forward, *mesh.bounds())
+    space = light.space(camera.forward, *mesh.bounds())
     warp, st = place(FITS[name], space, light, mesh, camera)
     assert warp.strength.dtype == dtype
     assert st.min() >= 0

@@ -21,7 +21,7 @@ from shadowjax.filters.hard import Hard
 from shadowjax.filters.offset_pcf import OffsetPercentageCloser
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, Light
-from shadowjax.geometry.light_space import DirectionalSpace, LightSpace
+from shadowjax.geometry.light_space import LightSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.transforms import any_perpendicular
 from shadowjax.maps.sampling import is_outside, texel_index
@@ -87,8 +87,7 @@ class BentFit(WarpFit):
             ValueError: If the light is not directional.
         """
         del light
-        require(isinstance(space, DirectionalSpace), f"a bend needs a directional light; got {type(space).__name__}")
-        assert isinstance(space, DirectionalSpace)
+        space = space.as_directional("a bend needs")
         points = padded(space.project(corners(camera, *visible_range(camera, mesh)))[0])
         axis = view_axis(space, camera)
         along = points @ axis
@@ -148,9 +147,7 @@ class ExpectedError(Checked):
         Raises:
             ValueError: If a number is out of range or the light is not directional.
         """
-        light = scene.lights[0]
-        require(isinstance(light, DirectionalLight), f"needs a directional light; got {type(light).__name__}")
-        assert isinstance(light, DirectionalLight)
+        light = scene.lights[0].as_directional("the expected error needs")
         require_int(finer, "finer", 2)
         require_int(num_placements, "num_placements", 1)
         require(softness > 0, f"softness must be positive; got {softness}")

@@ -15,11 +15,10 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from shadowjax._checked import Checked, checked
-from shadowjax._checks import require
 from shadowjax._numerics import dot, largest, norm, safe_divide
 from shadowjax._types import Array, Float, Scalar, Vector2
 from shadowjax.geometry.camera import Camera
-from shadowjax.geometry.light import DirectionalLight, Light
+from shadowjax.geometry.light import Light
 from shadowjax.geometry.transforms import light_frame
 from shadowjax.shading import Surface, valid_receivers
 from shadowjax.theory.aliasing.light_frustum import LightFrustum
@@ -63,9 +62,7 @@ def seen_pixels(surface: Surface, camera: Camera, light: Light, projection: bool
     Raises:
         ValueError: If the light is not directional.
     """
-    kind = type(light).__name__
-    require(isinstance(light, DirectionalLight), f"near distances need a directional light; got {kind}")
-    assert isinstance(light, DirectionalLight)
+    light = light.as_directional("near distances need")
     offset = (surface.points - camera.position).reshape(-1, 3)
     frame = light_frame(-light.direction, camera.forward)
     depth = offset @ camera.forward

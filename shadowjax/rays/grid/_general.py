@@ -6,7 +6,6 @@ import jax.numpy as jnp
 from jax import lax
 
 from shadowjax._types import Array, Float, Int, Scalar, UInt
-from shadowjax.geometry.light_space import DirectionalSpace
 from shadowjax.rays.grid._project import Vertices, View, miss_key, project
 from shadowjax.rays.ray import TRIANGLE_ROUNDINGS
 from shadowjax.rays.ray_grid import RayGrid
@@ -53,7 +52,7 @@ def generalise(
         held_back: Whether keys are farther by what rounding leaves unknown of them, so that a triangle blocks nothing
             that may lie on it; see `key_rounding`. A plane that holds the source of the rays, to rounding, blocks none.
     """
-    parallel = isinstance(grid.space, DirectionalSpace)
+    parallel = grid.space.is_parallel
     x, y, w = project(grid, world[corners.T.reshape(-1)]).reshape(3, 3, -1)
     u, v, key = vertices.plane[:, corners.T.reshape(-1)].reshape(3, 3, -1)
     w = jnp.ones_like(w) if parallel else w

@@ -6,7 +6,6 @@ from jax import lax
 
 from shadowjax._numerics import safe_divide
 from shadowjax._types import Array, Float, Int
-from shadowjax.geometry.light_space import DirectionalSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.grid._project import View, project
 from shadowjax.rays.ray_grid import RayGrid
@@ -49,7 +48,7 @@ def depth_tangent(
     )
     u, v = (table.u[None, :], table.v[:, None]) if table.u.ndim == 1 else (table.u, table.v)
     total = value + along_u * (u - at_u) + along_v * (v - at_v)
-    if not isinstance(grid.space, DirectionalSpace):
+    if not grid.space.is_parallel:
         # depth = |(u, v, 1)| · w, and total is the change of 1/w
         total = -total * depth * depth / jnp.sqrt(1 + u * u + v * v)
     return jnp.where(face < 0, jnp.zeros_like(total), total)
@@ -66,7 +65,7 @@ def _planes(
         first[2] * second[0] - first[0] * second[2],
         first[0] * second[1] - first[1] * second[0],
     ])  # fmt: skip
-    parallel = isinstance(grid.space, DirectionalSpace)
+    parallel = grid.space.is_parallel
     x, y, w = corners[0]
     # A place on the plane near the triangle, from which offsets are small; constant, so it has no share in derivatives.
     ahead = parallel | (w >= table.nearest)

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from shadowjax._types import Array, Float, Int, Scalar
-from shadowjax.geometry.light_space import DirectionalSpace, LightSpace, PerspectiveSpace
+from shadowjax.geometry.light_space import LightSpace
 from shadowjax.rays.plane_map import affine_box, region_corners, region_sides
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -21,11 +21,6 @@ FIRST_COL, LAST_COL, FIRST_ROW, LAST_ROW = range(4)
 def miss_key(dtype: Any) -> float:
     """A key beyond every hit, finite."""
     return float(jnp.finfo(dtype).max) / 4
-
-
-def is_projective(space: LightSpace) -> bool:
-    """Whether the space maps straight lines to straight lines, so that a triangle on its plane is a triangle."""
-    return isinstance(space, DirectionalSpace | PerspectiveSpace)
 
 
 class Vertices(NamedTuple):
@@ -87,11 +82,10 @@ def coordinates(space: LightSpace, points: Sequence[Float[Array, "n"]]) -> tuple
 
     Sums are written out: a matrix product is slower here and may run at a lower precision on an accelerator.
     """
-    assert isinstance(space, DirectionalSpace | PerspectiveSpace)
     origin = space.source
     offset = [points[axis] - origin[axis] for axis in range(3)]
-    x, y, z = (offset[0] * row[0] + offset[1] * row[1] + offset[2] * row[2] for row in space.frame)
-    return (x, z, -y) if isinstance(space, DirectionalSpace) else (x, y, z)
+    x, y, w = (offset[0] * row[0] + offset[1] * row[1] + offset[2] * row[2] for row in space.rows)
+    return x, y, w
 
 
 def place(grid: RayGrid, table: View, vertices: Float[Array, "vertices 3"]) -> Vertices:
@@ -99,7 +93,7 @@ def place(grid: RayGrid, table: View, vertices: Float[Array, "vertices 3"]) -> V
     projected = project(grid, vertices)
     x, y, w = projected
     beyond = miss_key(x.dtype)
-    if isinstance(grid.space, DirectionalSpace):
+    if grid.space.is_parallel:
         plane, ahead = projected, w >= table.least
     else:
         ahead = w >= table.nearest
@@ -142,10 +136,8 @@ def view(grid: RayGrid) -> View:
         plane = plane_map.inverse(grid.centres())
         u, v = plane[..., 0], plane[..., 1]
         squared = u**2 + v**2
-    if isinstance(grid.space, DirectionalSpace):
-        start = jnp.broadcast_to(grid.far, (rows, cols))
-    else:
-        start = -jnp.sqrt(1 + squared) / grid.far
+    parallel = grid.space.is_parallel
+    start = jnp.broadcast_to(grid.far, (rows, cols)) if parallel else -jnp.sqrt(1 + squared) / grid.far
     # A hit exactly at the limit counts: start a few roundings beyond it.
     start = start + 4 * jnp.finfo(dtype).eps * jnp.abs(start)
     corners = region_corners(plane_map, dtype)
@@ -154,7 +146,7 @@ def view(grid: RayGrid) -> View:
     extent = jnp.max(corners, axis=0) - jnp.min(corners, axis=0)
     away = jnp.max(jnp.abs(corners), axis=0) / jnp.where(extent > 0, extent, 1.0)
     margin = jnp.finfo(dtype).eps * grid.resolution * (16 + 16 * away)
-    parallel = isinstance(grid.space, DirectionalSpace)
+    parallel = grid.space.is_parallel
     nearest = jnp.ones((), dtype) if parallel else NEAREST * grid.far + jnp.finfo(dtype).tiny
     least = jnp.zeros((), dtype) if parallel else nearest
     return lax.stop_gradient(View(u, v, start, sides, corners, nearest, least, margin))
@@ -163,14 +155,14 @@ def view(grid: RayGrid) -> View:
 def depth_of_key(grid: RayGrid, table: View, key: Float[Array, "rows cols"]) -> Float[Array, "rows cols"]:
     """Distance along each cell's unit ray from the key of its nearest hit; `far` where nothing came nearer."""
     missed = key >= table.start
-    if isinstance(grid.space, DirectionalSpace):
+    if grid.space.is_parallel:
         return jnp.where(missed, grid.far, key)
     return jnp.where(missed, grid.far, _along(table) / jnp.where(missed, 1.0, -key))
 
 
 def key_of_depth(grid: RayGrid, table: View, depth: Float[Array, "rows cols"]) -> Float[Array, "rows cols"]:
     """Key of a distance along each cell's unit ray: the inverse of `depth_of_key`; finite, also at no distance."""
-    if isinstance(grid.space, DirectionalSpace):
+    if grid.space.is_parallel:
         return depth
     along = _along(table)
     # Nearer than half of the nearest w lies no hit.

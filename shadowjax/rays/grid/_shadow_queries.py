@@ -7,7 +7,7 @@ from jax import lax
 
 from shadowjax._numerics import FACING_ROUNDINGS
 from shadowjax._types import Array, Bool, Float, UInt
-from shadowjax.geometry.light_space import LEAST_FORWARD, DirectionalSpace, LightSpace, PerspectiveSpace
+from shadowjax.geometry.light_space import LEAST_FORWARD, LightSpace
 from shadowjax.rays.caster import RECEIVER_ROUNDINGS
 from shadowjax.rays.grid._project import View, coordinates, miss_key, view
 from shadowjax.rays.grid._tiles import more
@@ -50,11 +50,10 @@ def project(
         the light: the `far` of a grid, which does not see what is nearer than a millionth of it.
     """
     parts = [points[:, axis] for axis in range(3)]
-    if isinstance(space, DirectionalSpace):
-        towards = [jnp.broadcast_to(x, parts[0].shape) for x in space.frame[1]]
+    if space.is_parallel:
+        towards = [jnp.broadcast_to(x, parts[0].shape) for x in -space.rows[2]]
     else:
-        assert isinstance(space, PerspectiveSpace)
-        towards = [space.position[axis] - part for axis, part in enumerate(parts)]
+        towards = [space.source[axis] - part for axis, part in enumerate(parts)]
     if normals is None:
         away = jnp.sqrt(towards[0] * towards[0] + towards[1] * towards[1] + towards[2] * towards[2])
         side = [part / jnp.where(away > 0, away, jnp.ones_like(away)) for part in towards]
@@ -68,7 +67,7 @@ def project(
     gap = RECEIVER_ROUNDINGS * jnp.finfo(points.dtype).eps * (off[0] + off[1] + off[2])
     x, y, w = coordinates(space, [part + gap * raised for part, raised in zip(parts, side, strict=True)])
     nearest = jnp.ones_like(w[0])
-    if isinstance(space, DirectionalSpace):
+    if space.is_parallel:
         u, v, limit, counts = x, y, w, facing
     else:
         # The sums once, not in each of what follows: it would keep other steps in memory.
@@ -133,7 +132,7 @@ def touching(grid: RayGrid) -> View:
     Parallel rays have no start there: whatever lies on the way to the light blocks it.
     """
     table = view(grid)
-    parallel = isinstance(grid.space, DirectionalSpace)
+    parallel = grid.space.is_parallel
     least = jnp.full_like(table.least, -miss_key(table.least.dtype)) if parallel else table.least
     return table._replace(margin=table.margin + 0.5, least=least)
 

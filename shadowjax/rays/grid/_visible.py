@@ -9,7 +9,7 @@ from jax import lax
 
 from shadowjax._numerics import map_in_chunks
 from shadowjax._types import Array, Bool, Float, Points, UInt
-from shadowjax.geometry.light_space import DirectionalSpace, LightSpace
+from shadowjax.geometry.light_space import LightSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.grid._project import Vertices, place
 from shadowjax.rays.grid._shadow_queries import (
@@ -89,9 +89,8 @@ def lit(mesh: Mesh, space: LightSpace, points: Points, normals: Points | None) -
     Source: alias-free shadow maps and the irregular z-buffer, as cited by mdsm.
     """
     shape = points.shape[:-1]
-    if isinstance(space, DirectionalSpace):
-        # Parallel rays may be counted from anywhere: amid the points, so that what is near them keeps its digits.
-        space = DirectionalSpace(_amid(points.reshape(-1, 3)), space.frame)
+    # Amid the points, so that what is near them keeps its digits.
+    space = space.counted_from(_amid(points.reshape(-1, 3)))
     size = max(POINTS, POINTS_PER_TRIANGLE * mesh.num_faces)
     # Loops over points and triangles are the fastest way on a processor, and hopeless on an accelerator.
     search = _blocked if jax.default_backend() == "cpu" else blocked_by_pairs
@@ -138,7 +137,7 @@ def _drawn(mesh: Mesh, grid: RayGrid, lines: Sorted) -> Float[Array, "room"]:
     corners = lax.bitcast_convert_type(mesh.faces.astype(jnp.int32), jnp.uint32)
     num_faces = mesh.num_faces
     size = min(CHUNK, num_faces)
-    parallel = isinstance(grid.space, DirectionalSpace)
+    parallel = grid.space.is_parallel
 
     def chunk(k: Index, state: tuple) -> tuple:
         limit, *lists, room = state

@@ -18,7 +18,7 @@ from shadowjax.rays.bvh.caster import BvhCaster
 from shadowjax.rays.caster import Caster, checked_start
 from shadowjax.rays.grid._pairs import search_pairs
 from shadowjax.rays.grid._plane import depth_tangent
-from shadowjax.rays.grid._project import depth_of_key, is_projective, key_of_depth, place, view
+from shadowjax.rays.grid._project import depth_of_key, key_of_depth, place, view
 from shadowjax.rays.grid._tiles import search_tiles
 from shadowjax.rays.grid._visible import lit
 from shadowjax.rays.ray import MISS, Hit, Rays, faces_in_order, intersect
@@ -59,7 +59,7 @@ class GridCaster(Caster):
             mesh: Triangles, of which any may cross the near limit, lie behind the light, or have no area.
             grid: Rays of one space; its plane map must keep the sides of the unit square straight.
         """
-        if not is_projective(grid.space):
+        if not grid.space.is_projective:
             return self._others(mesh, grid.num_rows * grid.num_cols).closest_on_grid(mesh, grid)
         _, face = _search(jax.lax.stop_gradient(mesh), jax.lax.stop_gradient(grid), True)
         return intersect(mesh, grid.rays(), face)
@@ -70,7 +70,7 @@ class GridCaster(Caster):
 
         The depth that is compared with the start is that of `depth_on_grid`.
         """
-        if not is_projective(grid.space):
+        if not grid.space.is_projective:
             others = self._others(mesh, grid.num_rows * grid.num_cols)
             return others.closest_beyond_on_grid(mesh, grid, start_depth)
         start = checked_start(grid, start_depth)
@@ -84,13 +84,13 @@ class GridCaster(Caster):
         positions, each divided by the cosine between ray and normal, and, in a thin triangle, multiplied by length over
         width. Take the depth of `closest_on_grid` where rays graze triangles or triangles are needles.
         """
-        if not is_projective(grid.space):
+        if not grid.space.is_projective:
             return self._others(mesh, grid.num_rows * grid.num_cols).closest_on_grid(mesh, grid).depth
         return _depth(mesh, grid)
 
     def faces_on_grid(self, mesh: Mesh, grid: RayGrid) -> tuple[Float[Array, "rows cols"], Int[Array, "rows cols"]]:
         """Depth as in `depth_on_grid`, and the triangle hit (−1 for a miss), without barycentrics."""
-        if not is_projective(grid.space):
+        if not grid.space.is_projective:
             hit = self._others(mesh, grid.num_rows * grid.num_cols).closest_on_grid(mesh, grid)
             return hit.depth, hit.face
         return _depth_and_face(mesh, grid)
@@ -101,13 +101,13 @@ class GridCaster(Caster):
 
     def prefers_images(self, space: LightSpace) -> bool:
         """True for spaces whose points are sorted: many at once, since all triangles are drawn for them."""
-        return is_projective(space)
+        return space.is_projective
 
     def visible(
         self, mesh: Mesh, space: LightSpace, points: Points, normals: Points | None = None
     ) -> Bool[Array, "*points"]:
         """The exact shadow test; see `Caster.visible`. All rays of a light share its plane, so no ray is traced."""
-        if not is_projective(space):
+        if not space.is_projective:
             return self._others(mesh, math.prod(points.shape[:-1])).visible(mesh, space, points, normals)
         return _visible(*jax.lax.stop_gradient((mesh, space, points, normals)))
 
