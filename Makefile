@@ -47,6 +47,7 @@ lint: .venv/.installed ## ruff, pyright, import-linter
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 	$(BIN)/lint-imports
+	$(BIN)/python tests/type_completeness.py
 
 docs: .venv/.installed ## the documentation site → docs/_build/html
 	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html

@@ -170,7 +170,7 @@ class BiasSum(BiasRule):
 
     parts: tuple[BiasRule, ...]
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require(len(self.parts) > 0, "a sum of biases needs at least one part")
 
     def apply(self, grid: RayGrid, points: Points, normals: Points) -> BiasedReceiver:

@@ -65,7 +65,7 @@ class Bias(BiasRule):
     unit: str = eqx.field(static=True, default="slope")
     limit: float = eqx.field(static=True, default=MAX_SLOPE)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require_choice(self.unit, "bias unit", UNITS)
         require(self.limit > 0, f"the bias limit must be positive; got {self.limit}")
 

@@ -41,7 +41,7 @@ class Ranks(DepthPolicy):
     ranks: tuple[int, ...] = eqx.field(static=True, default=(3, 7))
     size: int = eqx.field(static=True, default=3)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require_int(self.size, "neighbourhood size", 2)
         require(len(self.ranks) > 0, "ranks must hold at least one rank")
         for rank in self.ranks:
@@ -76,7 +76,7 @@ class Cells(DepthPolicy):
 
     cells: tuple[tuple[int, int], ...] = eqx.field(static=True, default=((0, 1), (1, 0)))
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require(len(self.cells) > 0, "cells must hold at least one (row, column) offset")
 
     def planes(self, depth: Float[Array, "rows cols"]) -> Float[Array, "n rows cols"]:

@@ -113,7 +113,7 @@ class FourierStep(Checked):
     offset: float = eqx.field(static=True, default=0.0)
     scale: float = eqx.field(static=True, default=2.0)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require_int(self.terms, "number of terms M", 1)
         require(self.damping >= 0, f"damping must not be negative; got {self.damping}")
         require(0 <= self.offset < 1, f"offset is a part of the depth range, in [0, 1); got {self.offset}")

@@ -116,7 +116,7 @@ class Exponential(Filter):
     threshold: float = eqx.field(static=True, default=0.02)
     fallback_size: int = eqx.field(static=True, default=1)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require_number(self.exponent, "exponent", POSITIVE)
         require_choice(self.space, "space", SPACES)
         require_choice(self.fallback, "fallback", FALLBACKS)

@@ -90,7 +90,7 @@ class ExponentialVariance(Prefiltered):
     footprint: float = eqx.field(static=True, default=0.25)
     slope_limit: float = eqx.field(static=True, default=0.05)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         for name, exponent in (("positive", self.positive), ("negative", self.negative)):
             if exponent is not None:
                 require_number(exponent, f"{name}, the magnitude of an exponent,", POSITIVE)

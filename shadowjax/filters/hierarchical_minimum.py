@@ -40,7 +40,7 @@ class HierarchicalMinimum(DepthPolicy):
 
     block_sizes: tuple[int, ...] = eqx.field(static=True, default=(2, 4))
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require(
             len(self.block_sizes) > 0 and all(isinstance(size, int) and size >= 2 for size in self.block_sizes),
             f"block_sizes must be integers of at least 2, one or more; got {self.block_sizes}",

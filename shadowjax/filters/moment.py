@@ -203,7 +203,7 @@ class Moments(Prefiltered):
     bleed_low: float = eqx.field(static=True, default=0.0)
     bleed_high: float = eqx.field(static=True, default=1.0)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require_choice(self.problem, "problem", PROBLEMS)
         require(0 <= self.moment_bias < 1, f"moment_bias is a share, in [0, 1); got {self.moment_bias}")
         check_step(self.bleed_low, self.bleed_high)

@@ -223,7 +223,7 @@ class Neighbourhood(DepthPolicy):
     size: int = eqx.field(static=True, default=3)
     include_centre: bool = eqx.field(static=True, default=True)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require_choice(self.keep, "keep", ("max", "min", "min-max"))
         require_int(self.size, "neighbourhood size", 2)
 
@@ -265,7 +265,7 @@ class Ring(DepthPolicy):
     num_depths: int = eqx.field(static=True, default=4)  # pyright: ignore[reportIncompatibleMethodOverride]
     ring_radius: Annotated[int, AT_LEAST_ONE] = eqx.field(static=True, default=1)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require_int(self.num_depths, "num_depths", 1)
         if self.num_depths > 1:
             ring_offsets(self.num_depths, self.ring_radius)
@@ -339,7 +339,7 @@ class StochasticNeighbour(DepthPolicy):
     seed: int = eqx.field(static=True, default=0)
     size: int = eqx.field(static=True, default=3)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require_int(self.size, "neighbourhood size", 2)
 
     def planes(self, depth: Depth) -> Planes:
@@ -376,7 +376,7 @@ class MultiDepth(Filter):
     policy: DepthPolicy = Neighbourhood()
     kernel_size: int = eqx.field(static=True, default=1)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require_int(self.kernel_size, "kernel_size", 1)
 
     def prepare(self, depth: Depth) -> Planes:

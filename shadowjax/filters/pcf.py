@@ -110,7 +110,7 @@ class PercentageCloser(Filter):
     kernel_size: int = eqx.field(static=True, default=3)
     width_world: float | None = eqx.field(static=True, default=None)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require_int(self.kernel_size, "kernel_size", 1)
         require(
             self.width_world is None or self.width_world > 0,
@@ -163,7 +163,7 @@ class BilinearPercentageCloser(Filter):
 
     kernel_size: int = eqx.field(static=True, default=1)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require_int(self.kernel_size, "kernel_size", 1)
 
     def prepare(self, depth: Float[Array, "rows cols"]) -> Float[Array, "n rows cols"]:

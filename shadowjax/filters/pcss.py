@@ -117,7 +117,7 @@ class ContactHardening(Filter):
     num_search_taps: int = eqx.field(static=True, default=5)
     max_width: float = eqx.field(static=True, default=16.0)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require(self.angle >= 0, f"angle of the light must not be negative; got {self.angle}")
         require(self.size >= 0, f"size of the light must not be negative; got {self.size}")
         require_int(self.num_taps, "num_taps", 1)

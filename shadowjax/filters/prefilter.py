@@ -38,7 +38,7 @@ class Prefilter(Checked):
     sampling: str = eqx.field(static=True, default="bilinear")
     max_anisotropy: int = eqx.field(static=True, default=8)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         kernel_radius(self.size)
         require_choice(self.kernel, "kernel", KERNELS)
         require_choice(self.sampling, "sampling", SAMPLINGS)

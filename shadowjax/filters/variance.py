@@ -162,7 +162,7 @@ class Variance(Prefiltered):
     footprint: float = eqx.field(static=True, default=0.25)
     slope_limit: float = eqx.field(static=True, default=0.05)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         check_spread(self.min_variance, self.footprint, self.slope_limit)
         check_step(self.bleed_low, self.bleed_high)
 

@@ -46,7 +46,7 @@ class CubeMap(Partition):
 
     margin: int = eqx.field(static=True, default=2)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require_int(self.margin, "margin", 0)
 
     def with_margin(self, texels: float) -> "CubeMap":

@@ -35,7 +35,7 @@ class Parameter:
     verified: bool = True
     here: str = ""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         require_choice(self.unit, "unit of a parameter", UNITS)
 
 

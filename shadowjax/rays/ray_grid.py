@@ -40,7 +40,7 @@ class RayGrid(Checked):
     num_rows: int = eqx.field(static=True)
     num_cols: int = eqx.field(static=True)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require_int(self.num_rows, "num_rows", 1)
         require_int(self.num_cols, "num_cols", 1)
 

@@ -71,7 +71,7 @@ class Settings:
     equations: tuple[str, ...] = DEFAULT_EQUATIONS
     sweep: bool = True
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("width", "height", "resolution", "samples"):
             require_int(getattr(self, name), name, 1)
         for source in self.equations:

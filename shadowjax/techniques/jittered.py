@@ -70,7 +70,7 @@ class AccumulatedShadows(Shadows):
 
     shadows: tuple[Shadows, ...]
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require(len(self.shadows) > 0, "accumulated shadows need at least one light; got none")
 
     def visibility(self, points: Points, normals: Points) -> Float[Array, "*points"]:

@@ -56,7 +56,7 @@ class ShadowMapping(Technique):
     coverage: bool = eqx.field(static=True, default=False)
     edges: MeshEdges | None = None
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require_int(self.resolution, "resolution", 1)
         require_choice(self.layer, "layer", LAYERS)
         if self.coverage:

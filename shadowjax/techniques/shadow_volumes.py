@@ -49,7 +49,7 @@ class ShadowVolumes(Technique):
     casters: str = eqx.field(static=True, default="both")
     stencil: Stencil = Stencil()
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require_choice(self.method, "method", METHODS)
         require_choice(self.casters, "casters", CASTERS)
 

@@ -26,7 +26,7 @@ class Texture:
     mips: bool = True
     count: int = 1
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         require_choice(self.channels, "channels", CHANNELS)
         require_choice(self.bits, "bits", BITS)
         require_int(self.count, "count", 1)

@@ -31,7 +31,7 @@ class Stencil(Checked):
     bits: int = eqx.field(static=True, default=8)
     wraps: bool = eqx.field(static=True, default=True)
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require_int(self.bits, "bits", 1)
         require(self.bits <= 16, f"bits of a stencil buffer must lie between 1 and 16; got {self.bits}")
 
