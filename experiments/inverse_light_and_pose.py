@@ -31,7 +31,8 @@ from shadowjax._checks import require, require_int
 from shadowjax._numerics import normalize
 from shadowjax._types import Array, Float
 from shadowjax.geometry.light import Light
-from shadowjax.optimize.solvers.least_squares import Recovered, linearized, recover
+from shadowjax.optimize.solution import Solution
+from shadowjax.optimize.solvers.least_squares import RecoveryCertificate, linearized, recover
 from shadowjax.plotting import PALETTE, label, new_figure, styled
 from shadowjax.rays.brute import BruteForceCaster
 
@@ -99,7 +100,7 @@ class Found:
     """
 
     problem: str
-    recovered: Recovered
+    recovered: Solution[np.ndarray, RecoveryCertificate]
     error: float
 
 
@@ -184,7 +185,7 @@ def _search(config: Config, problem: Problem, seed: int) -> tuple[Found, Differe
     starts = problem.spread * rng.uniform(-1, 1, (config.num_starts, 9)) * free
     starts[0] = 0
     recovered = recover(scene, starts, target=SOLVED)
-    return Found(problem.name, recovered, float(np.abs(recovered.parameters * free - truth).max())), scene
+    return Found(problem.name, recovered, float(np.abs(recovered.value * free - truth).max())), scene
 
 
 def run(config: Config) -> Result:
@@ -200,7 +201,7 @@ def _run(config: Config) -> Result:
             one, scene = _search(config, problem, seed)
             found.append(one)
             if seed == 0:
-                made = [np.asarray(_picture(scene, jnp.asarray(step))) for step in one.recovered.history]
+                made = [np.asarray(_picture(scene, jnp.asarray(step))) for step in one.recovered.certificate.history]
                 paths[problem.name] = np.asarray(scene.target), np.stack(made)
     values, motions = {}, {}
     for name, sun in (("lamp", False), ("sun", True)):
@@ -216,21 +217,22 @@ def claims(result: Result) -> tuple[Claim, ...]:
     made, pose = [], PROBLEMS[-1]
     for problem in PROBLEMS[:-1]:
         own = [one for one in result.found if one.problem == problem.name]
-        solved = [one for one in own if one.recovered.solved and one.error < NEAR]
-        starts = sum(one.recovered.tried for one in own)
+        solved = [one for one in own if one.recovered.certificate.solved and one.error < NEAR]
+        starts = sum(one.recovered.certificate.tried for one in own)
         made.append(Claim(
             f"{problem.name} is found from its shadow", len(solved) == len(own),
             f"{len(solved)} of {len(own)}, {starts} starts in all", f"all within {NEAR:g}",
         ))  # fmt: skip
     posed = [one for one in result.found if one.problem == pose.name]
-    same = [one for one in posed if one.recovered.solved]
+    same = [one for one in posed if one.recovered.certificate.solved]
     others = [one for one in same if one.error > 10 * NEAR]
     lamp, sun = result.values["lamp"], result.values["sun"]
     return (
         *made,
         Claim(
             "a pose with the same shadow is found", len(same) == len(posed),
-            f"{len(same)} of {len(posed)}, {sum(one.recovered.tried for one in posed)} starts in all", "all",
+            f"{len(same)} of {len(posed)}, {sum(one.recovered.certificate.tried for one in posed)} starts in all",
+            "all",
         ),
         Claim(
             "refuted: one shadow tells the pose", len(others) > 0,
@@ -244,8 +246,8 @@ def claims(result: Result) -> tuple[Claim, ...]:
             "more than 0.001",
         ),
         Claim(
-            "every search says why it ended", all(one.recovered.reason for one in result.found),
-            "; ".join(sorted({one.recovered.reason for one in result.found})), "a reason each",
+            "every search says why it ended", all(one.recovered.certificate.reason for one in result.found),
+            "; ".join(sorted({one.recovered.certificate.reason for one in result.found})), "a reason each",
         ),
     )  # fmt: skip
 
@@ -255,8 +257,9 @@ def numbers(result: Result) -> dict[str, Any]:
     return {
         "searches": [
             {
-                "problem": one.problem, "error": one.error, "loss": one.recovered.loss, "starts": one.recovered.tried,
-                "reason": one.recovered.reason,
+                "problem": one.problem, "error": one.error, "loss": float(one.recovered.objective_value),
+                "starts": one.recovered.certificate.tried,
+                "reason": one.recovered.certificate.reason,
             }
             for one in result.found
         ],
@@ -272,11 +275,12 @@ def draw(result: Result) -> Figure:
     for index, problem in enumerate(PROBLEMS):
         own = [one for one in result.found if one.problem == problem.name]
         for place, one in enumerate(own):
-            losses = np.maximum(one.recovered.losses, 1e-20)
+            losses = np.maximum(one.recovered.certificate.losses, 1e-20)
             left.semilogy(losses, color=PALETTE[index], lw=1.2, label=problem.name if place == 0 else None)
             middle.semilogy(place, max(one.error, 1e-16), "o", color=PALETTE[index])
             middle.annotate(
-                str(one.recovered.tried), (place, max(one.error, 1e-16)), xytext=(0, 5), textcoords="offset points",
+                str(one.recovered.certificate.tried), (place, max(one.error, 1e-16)), xytext=(0, 5),
+                textcoords="offset points",
                 ha="center", fontsize=7.5,
             )  # fmt: skip
     middle.axhline(NEAR, color="k", lw=0.8)

@@ -35,7 +35,8 @@ from shadowjax._checks import require_int
 from shadowjax._types import Array, Scalar
 from shadowjax.evaluate.measure import aliasing_map
 from shadowjax.geometry.camera import Camera
-from shadowjax.optimize.solvers.bounded import BoundedMinimum, minimise_multistart
+from shadowjax.optimize.solution import Solution
+from shadowjax.optimize.solvers.bounded import SearchCertificate, minimise_multistart
 from shadowjax.optimize.viewed.seen_pixels import STEEPEST, chart_between, mean_error, seen_pixels
 from shadowjax.plotting import PALETTE, label, new_figure, styled
 from shadowjax.rays.brute import BruteForceCaster
@@ -96,7 +97,7 @@ class Found:
     phi: float
     lower: np.ndarray
     upper: np.ndarray
-    search: BoundedMinimum
+    search: Solution[np.ndarray, SearchCertificate]
     grid: np.ndarray
     axes: tuple[np.ndarray, ...]
     slopes: tuple[np.ndarray, np.ndarray]
@@ -210,7 +211,7 @@ def _search(config: Config, seed: int) -> Found:
     values = np.asarray(_many(jnp.asarray(points.reshape(-1, 4)), lens, config.width)).reshape(STEPS)
     # Where the answer lies on a kink, its slope says little: look around it.
     spread = np.geomspace(1e-4, 5e-2, BESIDE)[:, None] * (upper - lower) * rng.uniform(-1, 1, (BESIDE, 4))
-    beside = np.clip(search.parameters + spread, lower, upper)
+    beside = np.clip(search.value + spread, lower, upper)
     step = 1e-6
     central = [(both(starts[0] + step * unit)[0] - both(starts[0] - step * unit)[0]) / (2 * step) for unit in np.eye(4)]
     slopes = np.asarray(both(starts[0])[1]), np.array([float(x) for x in central])
@@ -219,7 +220,7 @@ def _search(config: Config, seed: int) -> Found:
     turns = np.linspace(0, STEPS[2] - 1, MEASURED[2] + 1).astype(int)[:-1]
     chosen = np.ix_(cameras, heights, turns)
     best = np.take_along_axis(points, values.argmin(axis=-1)[..., None, None], axis=-2)[..., 0, :]
-    some = np.concatenate([best[chosen].reshape(-1, 4), search.parameters[None]])
+    some = np.concatenate([best[chosen].reshape(-1, 4), search.value[None]])
     scene = _blocks(config, seed)
     measured = np.asarray(_measure(scene, jnp.asarray(some), lens, config.width))
     # The same mesh with its blocks sunk under the ground is the formula's own scene.
@@ -235,15 +236,15 @@ def claims(result: Result) -> tuple[Claim, ...]:
     """Searches find the grid's minimum, and the formula ranks places as a measurement does."""
     found = result.found
     away = [np.abs(a - b).max() / np.abs(b).max() for a, b in (one.slopes for one in found)]
-    below = np.array([one.grid.min() - one.search.loss for one in found])
-    near = np.array([one.beside - one.search.loss for one in found])
-    reached = [one.search.reached(NEARLY) for one in found]
-    starts = sum(len(one.search.losses) for one in found)
+    below = np.array([one.grid.min() - one.search.objective_value for one in found])
+    near = np.array([one.beside - one.search.objective_value for one in found])
+    reached = [one.search.certificate.reached(NEARLY) for one in found]
+    starts = sum(len(one.search.certificate.losses) for one in found)
     ranks = np.array([spearmanr(one.formula, one.measured)[0] for one in found])
     bare = [np.abs(np.exp(one.formula - one.bare) - 1).max() for one in found]
     lost = np.exp([one.here - one.measured.min() for one in found])
     worse = np.exp([np.median(one.measured) - one.here for one in found])
-    held = sum(bool(one.search.at_bound.any()) for one in found)
+    held = sum(bool(one.search.certificate.at_bound.any()) for one in found)
     return (
         at_most("slope against central differences, relative", away, 1e-4),
         Claim(
@@ -261,9 +262,9 @@ def claims(result: Result) -> tuple[Claim, ...]:
             f"{sum(reached)} of {starts} starts in all, at least {min(reached)} in each", "at least 2 in each",
         ),
         Claim(
-            "every search says whether no way down is left", all(one.search.reason for one in found),
+            "every search says whether no way down is left", all(one.search.certificate.reason for one in found),
             f"{sum(one.search.converged for one in found)} of {len(found)} have converged, {held} on a bound; largest "
-            f"free slope {max(one.search.slope for one in found):.2g}", "a reason each",
+            f"free slope {max(one.search.certificate.slope for one in found):.2g}", "a reason each",
         ),
         at_most("formula against measured texels on the bare ground, relative", bare, 1e-6),
         Claim(
@@ -286,8 +287,10 @@ def numbers(result: Result) -> dict[str, Any]:
         "scenes": [
             {
                 "phi_deg": np.degrees(one.phi), "lower": one.lower, "upper": one.upper,
-                "camera_sun_turn_bend": one.search.parameters, "log_error": one.search.loss, "ends": one.search.ends,
-                "losses": one.search.losses, "reasons": one.search.reasons, "slope": one.search.slope,
+                "camera_sun_turn_bend": one.search.value, "log_error": float(one.search.objective_value),
+                "ends": one.search.certificate.ends,
+                "losses": one.search.certificate.losses, "reasons": one.search.certificate.reasons,
+                "slope": one.search.certificate.slope,
                 "grid": one.grid.min(), "formula": one.formula, "bare": one.bare, "measured": one.measured,
                 "measured_here": one.here,
             }
@@ -315,21 +318,23 @@ def draw(result: Result) -> Figure:
     left, middle, right = axes[0]
     first = result.found[0]
     _chart(figure, left, first)
-    near = first.search.losses <= first.search.loss + NEARLY
+    near = first.search.certificate.losses <= float(first.search.objective_value) + NEARLY
     for chosen, color, name in ((~near, "w", "another end"), (near, PALETTE[1], "the best end")):
-        turn, height = np.degrees(first.search.ends[chosen, 2]), np.degrees(first.search.ends[chosen, 1])
+        height, turn = np.degrees(first.search.certificate.ends[chosen, 1:3]).T
         left.plot(turn, height, "o", color=color, markeredgecolor="k", label=name, clip_on=False)
     left.legend(fontsize=8, loc="lower center", ncols=2, frameon=True, facecolor="w", framealpha=0.9)
     left.set_title("Formula, and ends of searches", loc="left")
     for index, one in enumerate(result.found):
         color = PALETTE[index % len(PALETTE)]
         middle.loglog(np.exp(one.formula), np.exp(one.measured), ".", color=color, ms=4)
-        middle.loglog(np.exp(one.search.loss), np.exp(one.here), "*", color=color, ms=11, markeredgecolor="k")
+        middle.loglog(
+            np.exp(one.search.objective_value), np.exp(one.here), "*", color=color, ms=11, markeredgecolor="k"
+        )
     ends = np.exp(np.concatenate([one.formula for one in result.found]))
     middle.plot([ends.min(), ends.max()], [ends.min(), ends.max()], color="k", lw=0.8)
     label(middle, "mean pixels a texel, formula", "measured among blocks", "Stars: answers of the searches")
     for index, one in enumerate(result.found):
-        over = np.maximum(np.sort(one.search.losses) - one.search.loss, 1e-9)
+        over = np.maximum(np.sort(one.search.certificate.losses) - one.search.objective_value, 1e-9)
         right.semilogy(np.arange(len(over)) + 1, over, ".-", color=PALETTE[index % len(PALETTE)])
     right.xaxis.get_major_locator().set_params(integer=True)
     right.axhline(NEARLY, color="k", lw=0.8)
@@ -341,7 +346,7 @@ def draw(result: Result) -> Figure:
 def animate(result: Result) -> list[Figure]:
     """The best search of the first scene on the map of ln m; next to it, the camera's height and n'."""
     one = result.found[0]
-    history = one.search.history
+    history = one.search.certificate.history
     shown = np.linspace(0, len(history) - 1, 12).astype(int)
     frames = []
     for index in shown:

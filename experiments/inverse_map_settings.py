@@ -30,7 +30,8 @@ from experiments.base import Claim
 from experiments.claiming import all_true, at_most
 from shadowjax import DirectionalLight, scenes
 from shadowjax._checks import require, require_int
-from shadowjax.optimize.solvers.bounded import BoundedMinimum, minimise_multistart
+from shadowjax.optimize.solution import Solution
+from shadowjax.optimize.solvers.bounded import SearchCertificate, minimise_multistart
 from shadowjax.optimize.viewed.expected import ExpectedError, Settings, error_and_slope
 from shadowjax.plotting import PALETTE, label, new_figure, show_image, styled
 
@@ -88,7 +89,7 @@ class Found:
     """
 
     scene: str
-    search: BoundedMinimum
+    search: Solution[np.ndarray, SearchCertificate]
     settings: dict[str, np.ndarray]
     softened: dict[str, float]
     measured: dict[str, float]
@@ -141,9 +142,7 @@ def _apart(expected: ExpectedError) -> np.ndarray:
         lower, upper = at.copy(), at.copy()
         lower[index], upper[index] = LOWER[index], UPPER[index]
         starts = [np.where(np.arange(3) == index, LOWER + share * (UPPER - LOWER), at) for share in (0.2, 0.8)]
-        at = minimise_multistart(
-            lambda x: error_and_slope(expected, x), [at, *starts], lower, upper, MOST_STEPS
-        ).parameters
+        at = minimise_multistart(lambda x: error_and_slope(expected, x), [at, *starts], lower, upper, MOST_STEPS).value
     return at
 
 
@@ -156,7 +155,7 @@ def _search(config: Config, name: str, seed: int) -> tuple[Found, ExpectedError]
     default = np.asarray(expected.published)
     random = np.random.default_rng(seed).uniform(LOWER, UPPER, (config.num_starts - 1, 3))
     search = minimise_multistart(both, [default, *random], LOWER, UPPER, MOST_STEPS)
-    settings = {DEFAULT: default, APART: _apart(expected), JOINT: search.parameters}
+    settings = {DEFAULT: default, APART: _apart(expected), JOINT: search.value}
     softened = {way: float(np.exp(both(x)[0])) for way, x in settings.items()}
     measured = {way: expected.measured(Settings.of(jnp.asarray(x))) for way, x in settings.items()}
     axes = [np.linspace(low, high, config.num_tried) for low, high in zip(LOWER, UPPER, strict=True)]
@@ -175,7 +174,7 @@ def _run(config: Config) -> Result:
             found.append(one)
             if shown is None:
                 default = one.settings[DEFAULT]
-                history = np.concatenate([default[None], one.search.history])
+                history = np.concatenate([default[None], one.search.certificate.history])
                 steps = [Settings.of(jnp.asarray(x)) for x in history[np.linspace(0, len(history) - 1, 10).astype(int)]]
                 shape = (config.width * 3 // 4, config.width)
                 seen = [np.asarray(expected.seen(x)).reshape(shape) for x in steps]
@@ -196,8 +195,8 @@ def claims(result: Result) -> tuple[Claim, ...]:
     apart = np.array([one.softened[APART] / one.softened[JOINT] for one in found])
     off = [abs(one.softened[way] / one.measured[way] - 1) for one in found for way in one.settings]
     away = [np.abs(a - b).max() / np.abs(b).max() for a, b in (one.slopes for one in found)]
-    starts = sum(len(one.search.losses) for one in found)
-    reached = sum(one.search.reached(NEARLY) for one in found)
+    starts = sum(len(one.search.certificate.losses) for one in found)
+    reached = sum(one.search.certificate.reached(NEARLY) for one in found)
     return (
         at_most("slope against central differences, relative", away, 1e-2),
         at_most("softened against measured errors, relative", off, 0.12),
@@ -218,7 +217,7 @@ def claims(result: Result) -> tuple[Claim, ...]:
         ),
         all_true("no setting on a grid is better", [one.tried >= 0.999 * one.softened[JOINT] for one in found], "suns"),
         Claim(
-            "every search says why it ended", all(reason for one in found for reason in one.search.reasons),
+            "every search says why it ended", all(reason for one in found for reason in one.search.certificate.reasons),
             f"{sum(one.search.converged for one in found)} of {len(found)} have converged, the others end on a kink",
             "a reason each",
         ),
@@ -231,8 +230,8 @@ def numbers(result: Result) -> dict[str, Any]:
         "suns": [
             {
                 "scene": one.scene, "bend_bias_width": one.settings, "softened": one.softened,
-                "measured": one.measured, "least_on_grid": one.tried, "starts": np.exp(one.search.losses),
-                "reasons": one.search.reasons, "slope": one.search.slope,
+                "measured": one.measured, "least_on_grid": one.tried, "starts": np.exp(one.search.certificate.losses),
+                "reasons": one.search.certificate.reasons, "slope": one.search.certificate.slope,
             }
             for one in result.found
         ]
@@ -264,7 +263,7 @@ def draw(result: Result) -> Figure:
     limits = scatter.get_xlim()
     scatter.plot(limits, limits, color="k", lw=0.8)
     for x, one in zip(place, result.found, strict=True):
-        over = np.maximum(np.exp(one.search.losses - one.search.loss) - 1, 1e-7)
+        over = np.maximum(np.exp(one.search.certificate.losses - one.search.objective_value) - 1, 1e-7)
         ends.semilogy(np.full(len(over), x), over, "o", color=PALETTE[2], alpha=0.7)
     ends.axhline(NEARLY, color="k", lw=0.8)
     for spot in (bars, ends):

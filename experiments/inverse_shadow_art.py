@@ -125,14 +125,14 @@ def _run(config: Config) -> Result:
         found = descend(
             lambda moved: on_walls(walls, targets, moved, mesh, edges), start, spread, config.num_steps, config.rate
         )
-        losses.append(found.losses)
-        finite &= found.finite
-        reasons.append(found.reason)
-        last = found.vertices[-1]
+        losses.append(found.certificate.losses)
+        finite &= found.certificate.finite
+        reasons.append(found.certificate.reason)
+        last = found.value
         shadows = [behind(wall.shadow_of(last)[faces], u, v) for wall in walls]
         counted.append([float((a & b).sum() / (a | b).sum()) for a, b in zip(shadows, shapes, strict=True)])
         miscounted.append(
-            [np.abs(in_pixels(a, size) - b).mean() for a, b in zip(shadows, found.others[-1], strict=True)]
+            [np.abs(in_pixels(a, size) - b).mean() for a, b in zip(shadows, found.certificate.others[-1], strict=True)]
         )
         first = first or found
     assert first is not None
@@ -140,7 +140,8 @@ def _run(config: Config) -> Result:
     steps = np.unique(np.round(config.num_steps * np.linspace(0, 1, 16) ** 2).astype(int))
     return Result(
         np.array(losses), finite, np.array(counted), np.array(miscounted), targets, steps,
-        np.stack([first.others[i] for i in steps]), first.vertices[steps], faces, tuple(reasons),
+        np.stack([first.certificate.others[i] for i in steps]), first.certificate.vertices[steps], faces,
+        tuple(reasons),
     )  # fmt: skip
 
 

@@ -25,7 +25,8 @@ from experiments.claiming import all_true
 from experiments.gradient_scenes import padded, size_of
 from experiments.wall_scenes import Wall, on_walls, show_mesh
 from shadowjax._checks import require, require_int
-from shadowjax.optimize.solvers.descent import Descent, descend, diffuser
+from shadowjax.optimize.solution import Solution
+from shadowjax.optimize.solvers.descent import DescentCertificate, descend, diffuser
 from shadowjax.plotting import PALETTE, label, new_figure, show_image, styled
 from shadowjax.scenes.sphere_over_plane import SphereOverPlane
 
@@ -79,7 +80,7 @@ class Found:
         seen: The picture on the wall that was not given, after.
     """
 
-    descent: Descent
+    descent: Solution[np.ndarray, DescentCertificate]
     other: tuple[float, float]
     away: tuple[float, float]
     seen: np.ndarray
@@ -153,7 +154,7 @@ def _run(config: Config) -> Result:
                 lambda moved, n=count, given=given: on_walls(walls[:n], given[:n], moved, mesh, edges),
                 SIZE * directions, spread, config.num_steps, config.rate,
             )  # fmt: skip
-            ends = descent.vertices[0], descent.vertices[-1]
+            ends = descent.certificate.vertices[0], descent.certificate.vertices[-1]
             seen = [other.difference(unknown, end, mesh, edges) for end in ends]
             found[name].append(
                 Found(descent, (seen[0][0], seen[1][0]), (away(ends[0], seed), away(ends[1], seed)), seen[1][1])
@@ -165,7 +166,7 @@ def _run(config: Config) -> Result:
 def claims(result: Result) -> tuple[Claim, ...]:
     """Several lamps tell the body, one does not."""
     one, many = result.found[ONE], result.found[MANY]
-    fall = {name: np.array([x.descent.fall for x in found]) for name, found in result.found.items()}
+    fall = {name: np.array([x.descent.gain for x in found]) for name, found in result.found.items()}
     other = {name: np.array([x.other[0] / x.other[1] for x in found]) for name, found in result.found.items()}
     nearer = np.array([x.away[0] / x.away[1] for x in many])
     ends = [x.descent for x in (*one, *many)]
@@ -188,9 +189,9 @@ def claims(result: Result) -> tuple[Claim, ...]:
             f"one lamp: loss falls at least ×{fall[ONE].min():.1f}, on another wall at most ×{other[ONE].max():.1f}",
             f"at least ×{AT_LEAST:g}, and less than half as far on another wall as with several lamps",
         ),
-        all_true("every loss and gradient is finite", [end.finite for end in ends], "descents"),
+        all_true("every loss and gradient is finite", [end.certificate.finite for end in ends], "descents"),
         Claim(
-            "every descent says whether it has settled", all(end.reason for end in ends),
+            "every descent says whether it has settled", all(end.certificate.reason for end in ends),
             f"{sum(end.converged for end in ends)} of {len(ends)} have", "a reason each",
         ),
     )  # fmt: skip
@@ -201,8 +202,8 @@ def numbers(result: Result) -> dict[str, Any]:
     return {
         name: [
             {
-                "fall": one.descent.fall, "fall_on_another_wall": one.other[0] / one.other[1],
-                "metres_from_surface": one.away, "reason": one.descent.reason,
+                "fall": float(one.descent.gain), "fall_on_another_wall": one.other[0] / one.other[1],
+                "metres_from_surface": one.away, "reason": one.descent.certificate.reason,
             }
             for one in found
         ]
@@ -217,8 +218,8 @@ def draw(result: Result) -> Figure:
     one, many = result.found[ONE], result.found[MANY]
     bodies = {
         "the true body": (result.truth, result.truth_seen),
-        "from one lamp": (one[0].descent.vertices[-1], one[0].seen),
-        "from several lamps": (many[0].descent.vertices[-1], many[0].seen),
+        "from one lamp": (one[0].descent.certificate.vertices[-1], one[0].seen),
+        "from several lamps": (many[0].descent.certificate.vertices[-1], many[0].seen),
     }
     for column, (name, (vertices, seen)) in enumerate(bodies.items()):
         show_mesh(axes[0, column], vertices, result.faces)
@@ -230,7 +231,7 @@ def draw(result: Result) -> Figure:
     for color, (name, found) in zip(PALETTE, result.found.items(), strict=False):
         for place, x in enumerate(found):
             told = name if place == 0 else None
-            curve.semilogy(x.descent.losses, color=color, lw=1.0, label=told)
+            curve.semilogy(x.descent.certificate.losses, color=color, lw=1.0, label=told)
             spot.plot([place, place], np.array(x.away) * 100, color=color, lw=0.8, alpha=0.5)
             spot.plot(place, 100 * x.away[1], "o", color=color, ms=4, label=told)
             spot.plot(place, 100 * x.away[0], "_", color="k", ms=9, label="the ball" if told == ONE else None)
@@ -248,7 +249,9 @@ def animate(result: Result) -> list[Figure]:
     """The first body and its shadows on three given walls, step by step: given less found in colours."""
     descent = result.found[MANY][0].descent
     frames = []
-    for step, (vertices, pictures) in enumerate(zip(descent.vertices, descent.others, strict=True)):
+    for step, (vertices, pictures) in enumerate(
+        zip(descent.certificate.vertices, descent.certificate.others, strict=True)
+    ):
         figure, axes = new_figure(7.2, 2.2, 1, 4)
         show_mesh(axes[0, 0], vertices, result.faces)
         label(axes[0, 0], "", "", f"step {step}")

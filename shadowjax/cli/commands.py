@@ -13,7 +13,7 @@ import jax
 import numpy as np
 
 from shadowjax import io
-from shadowjax._checks import require
+from shadowjax._checks import require, require_choice
 from shadowjax._process import complain
 from shadowjax.cli import options
 from shadowjax.cli.console import Steps, say, show_table
@@ -256,6 +256,10 @@ def _optimized(path: str | None, content: dict[str, Any]) -> int:
     """Write an optimiser's answer, or show its numbers."""
     if not _write_json(path, content):
         rows = [(name, _short(value)) for name, value in content.items() if not isinstance(value, dict)]
+        for name in ("baselines", "test_baselines"):
+            rows += [
+                (f"{name.replace('_', ' ')[:-1]} {key}", _short(value)) for key, value in content.get(name, {}).items()
+            ]
         show_table("", ("quantity", "value"), rows)
     return 0
 
@@ -268,33 +272,30 @@ def _short(value: Any) -> str:
 
 def near_distance(chosen: options.NearDistance) -> int:
     """Find n'; in float64, as the optimum is flat."""
+    from shadowjax.optimize.analytic.near_distance import OBJECTIVES
     from shadowjax.optimize.analytic.near_distance import near_distance as find
 
     phi, gamma = _angles(chosen)
+    require_choice(chosen.objective, "--objective", OBJECTIVES)
     with jax.enable_x64(True):
-        content = find(chosen.near, chosen.far, phi, gamma, chosen.section, chosen.objective).to_json()
+        content = find(chosen.near, chosen.far, phi, gamma, chosen.section, chosen.objective).to_dict()
     return _optimized(chosen.json, content)
 
 
 def splits(chosen: options.Splits) -> int:
     """Find splits, in float64; together with every n', or under a limit on seams, where that is asked for."""
-    from shadowjax.optimize.analytic.joint import joint_splits
     from shadowjax.optimize.analytic.splits import splits as find
 
     phi, gamma = _angles(chosen)
-    limit = chosen.seam_limit
     view = (chosen.near, chosen.far, phi, gamma, chosen.num_partitions, chosen.objective, chosen.warp)
     with jax.enable_x64(True):
-        if limit is not None or chosen.warp == "free":
-            content = joint_splits(*view, limit, chosen.section).to_json()
-        else:
-            content = find(*view, chosen.section).to_json()
+        content = find(*view, chosen.section, chosen.seam_limit).to_dict()
     return _optimized(chosen.json, content)
 
 
 def bias_search(chosen: options.BiasSearch) -> int:
     """Search the bias of a technique's filter."""
-    from shadowjax.optimize.viewed.bias import best_bias
+    from shadowjax.optimize.viewed.bias import bias
     from shadowjax.techniques.registry import make_technique
     from shadowjax.techniques.shadow_mapping import ShadowMapping
 
@@ -304,29 +305,29 @@ def bias_search(chosen: options.BiasSearch) -> int:
     with Steps("optimize bias") as steps:
         views = _views(chosen.search, chosen.search.scenes, steps)
         steps(f"biases of {chosen.technique} in {chosen.unit} units")
-        content = best_bias(views, technique.filter, chosen.unit).to_json()
+        content = bias(views, technique.filter, chosen.unit).to_dict()
     return _optimized(chosen.search.json, content)
 
 
 def exponent_search(chosen: options.ExponentSearch) -> int:
     """Search the numbers of an averaging filter."""
-    from shadowjax.optimize.viewed.filter_numbers import best_numbers
+    from shadowjax.optimize.viewed.filter_numbers import exponent
 
     with Steps("optimize exponent") as steps:
         views = _views(chosen.search, chosen.search.scenes, steps)
         test_views = _views(chosen.search, chosen.test_scenes, steps)
         steps(f"numbers of {chosen.filter}")
-        found = best_numbers(views, chosen.filter, chosen.blur, chosen.evaluations, test_views)
-    content = found.to_json()
-    if chosen.search.json is None:  # a table has no room for nested values
-        content = {"filter": found.family, **found.numbers, "error": found.error, "default_error": found.default_error}
-        content |= {"gain": found.gain, "test_error": found.test_error, "test_default_error": found.test_default_error}
+        found = exponent(views, chosen.filter, chosen.blur, chosen.evaluations, test_views)
+    content = found.to_dict()
+    if chosen.search.json is None:  # a table has no room for all that was tried
+        content = {**content, **content["numbers"]}
+        del content["tried"]
     return _optimized(chosen.search.json, content)
 
 
 def taps_search(chosen: options.TapsSearch) -> int:
     """Search extra depths, or learn offsets of taps."""
-    from shadowjax.optimize.viewed.taps import best_depths, best_taps
+    from shadowjax.optimize.viewed.taps import depths, taps
 
     shared = sorted(set(chosen.search.scenes) & set(chosen.test_scenes))
     require(not shared, f"--test-scenes must differ from --scenes; both have {', '.join(shared)}")
@@ -335,13 +336,10 @@ def taps_search(chosen: options.TapsSearch) -> int:
         test_views = _views(chosen.search, chosen.test_scenes, steps)
         steps(f"search of {chosen.what}")
         if chosen.what == "offsets":
-            found = best_taps(views, test_views, chosen.kernel_size, chosen.steps)
+            found = taps(views, test_views, chosen.kernel_size, chosen.steps)
         else:
-            found = best_depths(views, test_views, chosen.num_depths, chosen.kernel_size, chosen.what)
-    content = found.to_json()
-    if chosen.search.json is None and "published" in content:
-        content |= {f"error, test error of {name}": list(pair) for name, pair in content["published"].items()}
-    return _optimized(chosen.search.json, content)
+            found = depths(views, test_views, chosen.num_depths, chosen.kernel_size, chosen.what)
+    return _optimized(chosen.search.json, found.to_dict())
 
 
 def _views(search: options.SearchOptions, names: Sequence[str], steps: Steps) -> tuple[Any, ...]:

@@ -235,8 +235,8 @@ class NearDistance:
     """Angle between light and view, degrees in [0, 90]."""
     section: Literal["axis", "whole"] = "axis"
     """Where the error counts: along the view axis, or over the whole section of the view."""
-    objective: Literal["z", "storage", "both"] = "z"
-    """What is made small: the largest error along z, the storage M_x·M_z, or the larger of M_x and M_z."""
+    objective: Annotated[str, arg(metavar="NAME")] = "z"
+    """What is made small: z, the largest error along z; storage, M_x·M_z; both, the larger of M_x and M_z."""
     json: Annotated[str | None, _FILE] = None
     """File for the result; `-` writes to standard output and nothing else there."""
     config: Annotated[str | None, _FILE] = None

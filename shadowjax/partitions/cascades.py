@@ -65,6 +65,8 @@ class Cascades(Partition):
             slice's range of ln z, in [0, 1]; with a width, points are chosen by depth.
         choose: "map" or "depth", as above.
         cuts: The k + 1 planes themselves, world units; they replace the rule.
+        near_distances: n' of every slice, world units; they replace the rule of the warp, a `PerspectiveFit`, whose
+            map then covers its slice from cut to cut, wherever the scene has vertices.
         num_rows: Rows of the depth buffer that the rules of seen depths look at. What lies between its rows, as a floor
             near the horizon may, and deeper than 1.05 times all that it sees, is in no slice and lit.
         caster: Traces that buffer.
@@ -87,6 +89,7 @@ class Cascades(Partition):
     blend: float = eqx.field(static=True, default=0.0)
     choose: str = eqx.field(static=True, default="map")
     cuts: Splits | None = None
+    near_distances: Float[Array, "slices"] | None = None
     num_rows: int = eqx.field(static=True, default=64)
     caster: Caster = GridCaster()
     distance: float | Scalar | None = None
@@ -115,20 +118,28 @@ class Cascades(Partition):
             )
         if self.rule == "first":
             require(self.first is not None, "the rule 'first' needs the first cut, world units, as first")
+        if self.near_distances is not None:
+            given = jnp.shape(self.near_distances)
+            require(given == (self.num_partitions,), f"{self.num_partitions} slices need as many n'; got shape {given}")
+            require(
+                isinstance(self.warp, PerspectiveFit),
+                f"near_distances need the warp PerspectiveFit(); got {type(self.warp).__name__}",
+            )
         for name, value in (("distance", self.distance), ("first", self.first)):
             if isinstance(value, int | float):
                 require(value > 0, f"{name}, world units, must be positive; got {value}")
 
     @classmethod
-    def at(cls, cuts: ArrayLike, **options: Any) -> "Cascades":
+    def at(cls, cuts: ArrayLike, near_distances: ArrayLike | None = None, **options: Any) -> "Cascades":
         """Slices between given planes, such as an optimiser's.
 
         Args:
             cuts: k + 1 rising depths, world units, the first > 0.
+            near_distances: n' of every slice, world units, > 0; those of the warp's rule if None.
             options: Further attributes.
 
         Raises:
-            ValueError: If there are fewer than two planes, or they do not rise.
+            ValueError: If there are fewer than two planes, they do not rise, or there is not one positive n' a slice.
         """
         planes = as_float_array(cuts)
         require(
@@ -136,7 +147,11 @@ class Cascades(Partition):
         )
         rises = (planes[0] > 0) & jnp.all(planes[1:] > planes[:-1])
         planes = require_value(planes, rises, "cuts must be positive depths that rise")
-        return cls(planes.shape[0] - 1, cuts=planes, **options)
+        given = None
+        if near_distances is not None:
+            given = as_float_array(near_distances)
+            given = require_value(given, given > 0, "every n' must be positive")
+        return cls(planes.shape[0] - 1, cuts=planes, near_distances=given, **options)
 
     def planes(self, mesh: Mesh, light: Light, camera: Camera) -> Splits:
         """The k + 1 depths of this partition for a scene and a view."""
@@ -184,13 +199,20 @@ class Cascades(Partition):
         space = seen_space(light, mesh, camera)
         planes = self.planes(mesh, light, camera)
         starts = jnp.concatenate([planes[:1], self._bands(planes)])
-        fit, maps = self.warp.for_slices(), []
+        maps = []
         # at most half of a map is margin
         factor = resolution / max(resolution - 2 * self.margin, resolution / 2)
         for i in range(self.num_partitions):
             part = eqx.tree_at(lambda c: (c.near, c.far), camera, (starts[i], planes[i + 1]))
-            maps.append(fit.fit(space, light, mesh, part).enlarged(factor))
+            maps.append(self._slice_warp(i).fit(space, light, mesh, part).enlarged(factor))
         return tuple(starting_outside(space, plane_map, mesh, resolution) for plane_map in maps)
+
+    def _slice_warp(self, index: int) -> WarpFit:
+        """How the texels of a slice are spread."""
+        if self.near_distances is None:
+            return self.warp.for_slices()
+        assert isinstance(self.warp, PerspectiveFit)
+        return dataclasses.replace(self.warp, near_distance=self.near_distances[index], tight=False)
 
     def _bands(self, planes: Splits) -> Float[Array, "cuts"]:
         """Depth at which each slice but the first begins to fade in."""

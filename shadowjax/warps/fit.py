@@ -6,9 +6,9 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from shadowjax._checked import checked
-from shadowjax._checks import require_choice
+from shadowjax._checks import concrete, require, require_choice
 from shadowjax._numerics import dot, norm, normalize, rotate, safe_divide
-from shadowjax._types import Array, Float, Scalar, Vector3
+from shadowjax._types import Array, ArrayLike, Float, Scalar, Vector3, as_float_array
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.light_space import DirectionalSpace, LightSpace
@@ -40,6 +40,7 @@ NEAR_DISTANCES: dict[str, Rule] = {
     "trapezoidal": trapezoidal,
 }
 
+MARGIN = 1e-3  # of a map's size, beyond what is seen on each side
 SAMPLES = 33  # depths on the view axis at which a spot light's error is weighed
 
 
@@ -82,14 +83,18 @@ def corners(camera: Camera, near: Scalar, far: Scalar) -> Float[Array, "8 3"]:
 
 
 @checked
-def padded(points: Float[Array, "points 2"], margin: float = 1e-3) -> Float[Array, "points 2"]:
+def padded(points: Float[Array, "points 2"], margin: float = MARGIN) -> Float[Array, "points 2"]:
     """Plane points moved away from their middle, so that nothing the camera sees falls on the border of a map."""
     middle = (jnp.min(points, axis=0) + jnp.max(points, axis=0)) / 2
     return middle + (points - middle) * (1 + 2 * margin)
 
 
+def _number(value: ArrayLike | None) -> Array | None:
+    return None if value is None else as_float_array(value)
+
+
 class PerspectiveFit(WarpFit):
-    """Covers what the camera sees with a perspective warp whose n' follows a named rule.
+    """Covers what the camera sees with a perspective warp whose n' follows a named rule, or is given.
 
     Only the frustum has to be covered: each ray of a directional or spot light carries every caster that can darken its
     receivers, however far outside the frustum they are, so no caster is clipped.
@@ -98,34 +103,64 @@ class PerspectiveFit(WarpFit):
     axis and at the corners of what is seen, weighed with the true distances from light and camera. Its map covers what
     of the view the cone reaches (`receiver_outline`), and is uniform where it reaches nothing.
 
+    A given n', or a given bend, is for directional lights: it takes the place of the rule.
+
     Attributes:
         rule: Key of `NEAR_DISTANCES`.
         tight: Whether the depths are cut to those at which the scene has vertices.
+        near_distance: n', world units, > 0, such as an optimiser's; a huge one is the uniform map. None for the rule's.
+        bend: W/(n' + W) in [0, 1) with the map's extent W: 0 is the uniform map. None for the rule's.
+        margin: How far the map reaches beyond what is seen on each side, as a share of its size, in [0, 0.1].
     """
 
     rule: str = eqx.field(static=True, default="minimax")
     tight: bool = eqx.field(static=True, default=True)
+    near_distance: float | Scalar | None = eqx.field(converter=_number, default=None)
+    bend: float | Scalar | None = eqx.field(converter=_number, default=None)
+    margin: float = eqx.field(static=True, default=MARGIN)
 
     def __check_init__(self) -> None:
         require_choice(self.rule, "warp rule", NEAR_DISTANCES)
+        require(
+            self.near_distance is None or self.bend is None,
+            "near_distance and bend both say how strong the warp is; give one of them",
+        )
+        require(0 <= self.margin <= 0.1, f"margin, a share of the map, must lie in [0, 0.1]; got {self.margin}")
+        distance, bend = (None if x is None else concrete(x) for x in (self.near_distance, self.bend))
+        require(distance is None or bool(distance > 0), f"n', near_distance, must be positive; got {distance}")
+        require(bend is None or bool(0 <= bend < 1), f"bend, W/(n' + W), must lie in [0, 1); got {bend}")
 
     def fit(self, space: LightSpace, light: Light, mesh: Mesh, camera: Camera) -> PerspectiveWarp:
         """The warp around the visible part of the camera's frustum.
 
         Raises:
-            ValueError: If the light is a point light: its rays fill a sphere and have no plane to warp.
+            ValueError: If the light is a point light: its rays fill a sphere and have no plane to warp. If n' or a bend
+                is given and the light is not directional.
         """
         near, far = visible_range(camera, mesh) if self.tight else (camera.near, camera.far)
         if space.is_parallel:
             space = space.as_directional("a perspective fit needs")
-            points = padded(space.project(corners(camera, near, far))[0])
-            frustum = light_frustum(camera, -space.frame[1], near, far)
-            return PerspectiveWarp.fit(points, 1 / NEAR_DISTANCES[self.rule](frustum), view_axis(space, camera))
+            points = padded(space.project(corners(camera, near, far))[0], self.margin)
+            axis = view_axis(space, camera)
+            return PerspectiveWarp.fit(points, self._strength(space, camera, near, far, points @ axis), axis)
+        require(
+            self.near_distance is None and self.bend is None,
+            f"a given n' or bend needs a directional light; got {type(light).__name__}: give a rule instead",
+        )
         part = eqx.tree_at(lambda c: (c.near, c.far), camera, (near, far))
         points, axis, strength = spot_strength(space, light, mesh, part)
         if self.rule == "uniform":
             strength = jnp.zeros_like(strength)
-        return PerspectiveWarp.fit(padded(points), strength, axis)
+        return PerspectiveWarp.fit(padded(points, self.margin), strength, axis)
+
+    def _strength(self, space: DirectionalSpace, camera: Camera, near: Array, far: Array, along: Array) -> Array:
+        """1/n' for corners that lie so far along the view."""
+        if self.near_distance is not None:
+            return 1 / jnp.asarray(self.near_distance, near.dtype)
+        if self.bend is not None:
+            bend = jnp.asarray(self.bend, near.dtype)
+            return bend / (1 - bend) / (jnp.max(along) - jnp.min(along))
+        return 1 / NEAR_DISTANCES[self.rule](light_frustum(camera, -space.frame[1], near, far))
 
 
 class LogarithmicFit(WarpFit):

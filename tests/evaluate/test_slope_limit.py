@@ -8,7 +8,7 @@ from shadowjax import Bias, Hard, ShadowMapping, make_scene
 from shadowjax._checks import SceneWarning
 from shadowjax.bias.kinds import NormalOffset
 from shadowjax.evaluate.compare import compare, record, reference_view
-from shadowjax.optimize.viewed.bias import best_bias
+from shadowjax.optimize.viewed.bias import bias
 from shadowjax.optimize.viewed.views import view_scene
 from shadowjax.rays.casters import default_caster
 from shadowjax.scenes.base import towards
@@ -50,9 +50,9 @@ def test_python_and_search_say_it_in_a_sentence():
         records = compare(LOW, ["hard", "exact"], resolution=1024, repeats=1, **SIZE)
     assert [one.slope_limit is None for one in records] == [False, True]
     with pytest.warns(SceneWarning, match=LOW.name + ": " + sentence):
-        found = best_bias((view_scene(LOW, 96, 72, 1024),), Hard(), num_values=5)
-    assert found.slope_limit is not None
-    assert found.to_json()["slope_limit"]["acne"] > 0.01
+        found = bias(view_scene(LOW, 96, 72, 1024), Hard(), num_values=5)
+    assert found.certificate.slope_limit is not None
+    assert found.to_dict()["slope_limit"]["acne"] > 0.01
 
 
 def test_the_default_scene_has_none(recwarn):

@@ -26,36 +26,36 @@ def kink(x):
 def test_the_lowest_point_inside_and_on_a_bound():
     inside = minimise_multistart(valley, [[-1.0, 1.0]], [-2, -2], [2, 2])
     assert inside.converged
-    np.testing.assert_allclose(inside.parameters, [1, 1], atol=1e-4)
-    assert inside.slope < 1e-3
-    assert not inside.at_bound.any()
-    np.testing.assert_array_equal(inside.history[0], [-1, 1])
-    np.testing.assert_array_equal(inside.history[-1], inside.parameters)
+    np.testing.assert_allclose(inside.value, [1, 1], atol=1e-4)
+    assert inside.certificate.slope < 1e-3
+    assert not inside.certificate.at_bound.any()
+    np.testing.assert_array_equal(inside.certificate.history[0], [-1, 1])
+    np.testing.assert_array_equal(inside.certificate.history[-1], inside.value)
     # With a ≤ ½ the valley's floor b = a² is lowest at its end.
     bounded = minimise_multistart(valley, [[-1.0, 1.0]], [-2, -2], [0.5, 2])
-    np.testing.assert_allclose(bounded.parameters, [0.5, 0.25], atol=1e-4)
-    np.testing.assert_array_equal(bounded.at_bound, [True, False])
-    assert bounded.slope < 1e-3
+    np.testing.assert_allclose(bounded.value, [0.5, 0.25], atol=1e-4)
+    np.testing.assert_array_equal(bounded.certificate.at_bound, [True, False])
+    assert bounded.certificate.slope < 1e-3
     fixed = minimise_multistart(valley, [[0.7, 1.0]], [0.5, -2], [0.5, 2])
-    np.testing.assert_allclose(fixed.parameters, [0.5, 0.25], atol=1e-4)
+    np.testing.assert_allclose(fixed.value, [0.5, 0.25], atol=1e-4)
 
 
 def test_several_starts_tell_several_valleys():
     found = minimise_multistart(waves, [[4.0], [0.4], [-2.2], [-0.3]], [-5], [5])
-    np.testing.assert_allclose(found.parameters, 0, atol=1e-5)
-    assert found.reached(1e-6) == 2
-    assert found.losses.shape == (4,)
-    assert found.starts.shape == found.ends.shape == (4, 1)
-    assert len(found.reasons) == 4
+    np.testing.assert_allclose(found.value, 0, atol=1e-5)
+    assert found.certificate.reached(1e-6) == 2
+    assert found.certificate.losses.shape == (4,)
+    assert found.certificate.starts.shape == found.certificate.ends.shape == (4, 1)
+    assert len(found.certificate.reasons) == 4
 
 
 def test_it_says_why_it_did_not_converge():
     few = minimise_multistart(valley, [[-1.0, 1.0]], [-2, -2], [2, 2], max_steps=2)
     assert not few.converged
-    assert "raise max_steps" in few.reason
+    assert "raise max_steps" in few.certificate.reason
     stuck = minimise_multistart(kink, [[1.7, 0.8]], [-3, -3], [3, 3])
     assert not stuck.converged
-    assert "a kink" in stuck.reason
+    assert "a kink" in stuck.certificate.reason
 
 
 @pytest.mark.parametrize(

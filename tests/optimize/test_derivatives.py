@@ -21,10 +21,10 @@ from shadowjax.optimize.analytic.splits import splits
 from shadowjax.optimize.solvers.bounded import minimise_multistart
 from shadowjax.optimize.solvers.descent import descend
 from shadowjax.optimize.solvers.least_squares import recover
-from shadowjax.optimize.viewed.bias import best_bias
-from shadowjax.optimize.viewed.filter_numbers import best_numbers
+from shadowjax.optimize.viewed.bias import bias
+from shadowjax.optimize.viewed.filter_numbers import exponent
 from shadowjax.optimize.viewed.near_distance_and_splits import near_distance_for_view, seen_pixels, splits_for_view
-from shadowjax.optimize.viewed.taps import best_depths, best_taps
+from shadowjax.optimize.viewed.taps import depths, taps
 from shadowjax.theory.aliasing.light_frustum import LightFrustum
 from shadowjax.theory.aliasing.roots import implicit
 from shadowjax.theory.aliasing.split_search import best_shares
@@ -94,7 +94,7 @@ def optimum(objective, section):
 
     def function(*view):
         found = near_distance(*view, section, objective)
-        return jnp.log(found.near_distance), jnp.log(found.error), jnp.log(found.certificate.closed_form)
+        return jnp.log(found.value), jnp.log(found.objective_value), jnp.log(found.certificate.closed_form)
 
     return function
 
@@ -138,9 +138,9 @@ def test_forward_mode_and_the_cases_once_wrong():
     """γ = 60°: dn'/dγ = 6 and dM_z/dγ = 3.5924; γ = 31°: 9.7262 and 7.0692 (n = 1, f = 100, φ = 30°)."""
     gammas = jnp.deg2rad(jnp.asarray([60.0, 31.0]))
     found, change = jax.jvp(lambda g: near_distance(1.0, 100.0, jnp.pi / 6, g), (gammas,), (jnp.ones(2),))
-    assert found.error.shape == (2,)
-    np.testing.assert_allclose(change.near_distance, [6.0, 9.726197679], rtol=1e-8)
-    np.testing.assert_allclose(change.error, [3.592405815, 7.069217714], rtol=1e-8)
+    assert found.objective_value.shape == (2,)
+    np.testing.assert_allclose(change.value, [6.0, 9.726197679], rtol=1e-8)
+    np.testing.assert_allclose(change.objective_value, [3.592405815, 7.069217714], rtol=1e-8)
 
 
 SPLITS = [
@@ -163,7 +163,7 @@ def test_splits_carry_their_implicit_derivative(k, objective, warp, section):
     @jax.jit
     def function(*view):
         found = splits(*view, k, objective, warp, section)
-        return jnp.sum(mix * jnp.log(found.splits), axis=-1), jnp.log(found.storage)
+        return jnp.sum(mix * jnp.log(found.value.cuts), axis=-1), jnp.log(found.objective_value)
 
     arrays = tuple(jnp.asarray(part) for part in views)
     values, back = jax.vjp(function, *arrays)
@@ -220,10 +220,12 @@ def test_joint_splits_carry_their_implicit_derivative(seam_limit):
 
     def function(*view):
         found = joint_splits(*view, 2, seam_limit=seam_limit)
-        mixed = jnp.log(found.splits[:, 1]) + jnp.sum(jnp.asarray([0.3, -0.2]) * jnp.log(found.near_distances), axis=-1)
-        return mixed + jnp.log(found.storage)
+        mixed = jnp.log(found.value.cuts[:, 1]) + jnp.sum(
+            jnp.asarray([0.3, -0.2]) * jnp.log(found.value.near_distances), axis=-1
+        )
+        return mixed + jnp.log(found.objective_value)
 
-    assert bool(joint_splits(*views, 2, seam_limit=seam_limit).certificate.converged.all())
+    assert bool(joint_splits(*views, 2, seam_limit=seam_limit).converged.all())
     along = tuple(part * rate for part, rate in zip(views, (0.4, -0.3, 0.5, 0.2), strict=True))
     slope = jax.jit(lambda *v: jax.jvp(function, v, along)[1])(*views)
     back = jax.vjp(function, *views)[1](jnp.ones(12))
@@ -248,7 +250,7 @@ def test_near_distance_for_a_view_carries_its_implicit_derivative(objective, lea
         edges = pixels.edges * (1 + 0.1 * t * jnp.asarray([[1.0, 0.5], [0.7, -0.2], [-0.4, 0.9], [0.2, 0.3]]))
         changed = eqx.tree_at(lambda p: (p.weight, p.edges), pixels, (pixels.weight * jnp.exp(t * rates), edges))
         found = near_distance_for_view(changed, objective)
-        return jnp.log(found.near_distance) + jnp.log(found.error)
+        return jnp.log(found.value) + jnp.log(found.objective_value)
 
     at, step = jnp.asarray(0.1), 1e-4
     slopes = jax.jvp(best, (at,), (jnp.ones(()),))[1], jax.grad(best)(at)
@@ -265,10 +267,10 @@ def refusals():
         minimise_multistart: lambda t: (slope, [[1.0]], [t], [2.0]),
         descend: lambda t: (slope, t * jnp.ones((1, 3)), np.eye(1), 1, 0.1),
         recover: lambda t: (lambda x: x, [t * jnp.ones(1)]),
-        best_depths: lambda t: (numbers(t), numbers(t)),
-        best_taps: lambda t: (numbers(t), numbers(t)),
-        best_numbers: lambda t: (numbers(t), "vsm"),
-        best_bias: lambda t: (numbers(t), Hard()),
+        depths: lambda t: (numbers(t), numbers(t)),
+        taps: lambda t: (numbers(t), numbers(t)),
+        exponent: lambda t: (numbers(t), "vsm"),
+        bias: lambda t: (numbers(t), Hard()),
     }
     # without the checks of annotations that only tests have
     return {f.__name__: lambda t, f=f, given=given: inspect.unwrap(f)(*given(t)) for f, given in calls.items()}
@@ -285,7 +287,7 @@ def test_planes_chosen_from_seen_pixels_refuse_to_be_differentiated():
     mesh, camera = plate_over_plane(), above()
     light = DirectionalLight.create((0.2, -1.0, 0.3))
     pixels = seen_pixels(trace_surface(mesh, camera, 12, 12, BruteForceCaster()), camera, light)
-    total = lambda w: jnp.sum(splits_for_view(eqx.tree_at(lambda p: p.weight, pixels, w), 2, 8).splits)  # noqa: E731
+    total = lambda w: jnp.sum(splits_for_view(eqx.tree_at(lambda p: p.weight, pixels, w), 2, 8).value.cuts)  # noqa: E731
     with pytest.raises(ValueError, match="chooses planes among candidates, which has no derivative"):
         jax.grad(total)(pixels.weight)
 
@@ -293,7 +295,7 @@ def test_planes_chosen_from_seen_pixels_refuse_to_be_differentiated():
 # Where the package searches or chooses, and how its derivative is held to account. A new module that does fails here.
 SEARCHES = {
     "optimize/analytic/near_distance.py": test_near_distance_is_differentiated_in_both_modes,
-    "optimize/analytic/splits.py": test_splits_carry_their_implicit_derivative,
+    "optimize/analytic/pairs.py": test_splits_carry_their_implicit_derivative,
     "optimize/analytic/joint.py": test_joint_splits_carry_their_implicit_derivative,
     "optimize/viewed/near_distance_and_splits.py": test_near_distance_for_a_view_carries_its_implicit_derivative,
     "theory/aliasing/strength.py": test_strength_of_least_worst_error_carries_its_implicit_derivative,
@@ -303,9 +305,9 @@ SEARCHES = {
     "optimize/solvers/bounded.py": "minimise_multistart",
     "optimize/solvers/descent.py": "descend",
     "optimize/solvers/least_squares.py": "recover",
-    "optimize/viewed/taps.py": "best_taps",
-    "optimize/viewed/filter_numbers.py": "best_numbers",
-    "optimize/viewed/bias.py": "best_bias",
+    "optimize/viewed/taps.py": "taps",
+    "optimize/viewed/filter_numbers.py": "exponent",
+    "optimize/viewed/bias.py": "bias",
 }
 ELSEWHERE = {
     "optimize/viewed/seen_pixels.py": "which corners bound a map's width, an index",

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from shadowjax import DirectionalLight, make_scene
+from shadowjax import DirectionalLight, PerspectiveFit, make_scene
 from shadowjax.geometry.light import PointLight
-from shadowjax.optimize.viewed.expected import BentFit, ExpectedError, Settings, error_and_slope
+from shadowjax.optimize.viewed.expected import ExpectedError, Settings, error_and_slope
 from shadowjax.rays.brute import BruteForceCaster
 
 SIZES = {"width": 24, "height": 18, "resolution": 24, "caster": BruteForceCaster()}
@@ -36,7 +36,7 @@ def test_it_tells_the_error_of_the_map_itself(expected):
 def test_the_published_bend_is_the_warp_of_that_rule(expected):
     space = expected.fine.grid.space
     arguments = space, expected.light, expected.mesh, expected.camera
-    bent = eqx.filter_jit(BentFit.fit)(BentFit(expected.published[0]), *arguments)
+    bent = eqx.filter_jit(PerspectiveFit.fit)(PerspectiveFit(bend=expected.published[0]), *arguments)
     usual = expected.fine.grid.plane_map
     # The rule's W is that of the view, the bend's that of the padded map: a fifth of a per cent.
     np.testing.assert_allclose(bent.strength, usual.strength, rtol=5e-3)

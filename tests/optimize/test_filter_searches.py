@@ -7,15 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from shadowjax import Bias, MultiDepth, Neighbourhood, PercentageCloser
+from shadowjax import Bias, MultiDepth, Neighbourhood, PercentageCloser, make_scene
 from shadowjax.cli.main import main
 from shadowjax.filters.chosen_depths import Cells, Ranks, neighbourhood_cells
 from shadowjax.filters.multi_depth import max_neighbour, min_max_neighbours, shifted
 from shadowjax.filters.offset_pcf import OffsetPercentageCloser
 from shadowjax.optimize.viewed import taps
-from shadowjax.optimize.viewed.bias import best_bias
-from shadowjax.optimize.viewed.filter_numbers import FAMILIES, best_numbers
-from shadowjax.optimize.viewed.views import error_of, view_scene
+from shadowjax.optimize.viewed.bias import bias
+from shadowjax.optimize.viewed.filter_numbers import FAMILIES, exponent
+from shadowjax.optimize.viewed.views import as_views, error_of, view_scene
 
 DEPTH = jnp.asarray(np.random.default_rng(3).uniform(1, 2, (7, 9)))
 
@@ -23,6 +23,13 @@ DEPTH = jnp.asarray(np.random.default_rng(3).uniform(1, 2, (7, 9)))
 @pytest.fixture(scope="module")
 def viewed():
     return view_scene("plate-over-plane", 32, 24, 32)
+
+
+def applied(found):
+    """Error of the technique that a solution makes, cast anew over the same view."""
+    scene = make_scene("plate-over-plane")
+    shadows = found.technique(32).build(scene.mesh, scene.lights[0], scene.camera)
+    return float(error_of(shadows, view_scene(scene, 32, 24, 32)))
 
 
 def test_published_policies_are_ranks_and_cells():
@@ -39,37 +46,44 @@ def test_published_policies_are_ranks_and_cells():
 
 
 def test_the_best_bias_is_the_best_of_a_fine_scan(viewed):
-    found = best_bias((viewed,), PercentageCloser(3), "slope", 9)
-    assert found.error <= min(found.default_error, found.no_bias_error)
-    assert found.default_slope == 1.5
+    found = bias((viewed,), PercentageCloser(3), "slope", 9)
+    assert found.objective_value <= min(found.baselines["default"], found.baselines["none"])
+    assert found.certificate.default_slope == 1.5
+    assert applied(found) == pytest.approx(float(found.objective_value), rel=1e-3)
+    offset = bias((viewed,), PercentageCloser(3), "normal", 5)
+    assert applied(offset) == pytest.approx(float(offset.objective_value), rel=1e-3)
     scan = [float(error_of(viewed.read(PercentageCloser(3), Bias.create(v)), viewed)) for v in (0.5, 1.0, 1.5, 3.0)]
-    assert found.error <= min(scan) + 1e-12
-    assert 0 < found.needed_slope <= 1.5 + 1e-9
-    assert list(found.values) == sorted(found.values)
-    assert found.error == min(found.errors)
+    assert found.objective_value <= min(scan) + 1e-12
+    assert 0 < found.certificate.needed_slope <= 1.5 + 1e-9
+    assert list(found.certificate.values) == sorted(found.certificate.values)
+    assert found.objective_value == float(found.certificate.errors.min())
 
 
 def test_errors_of_sets_are_those_of_the_filter(viewed):
     """The matrix of inner products gives what the composite test of those planes gives."""
     for members, policy in (((9,), Neighbourhood("max")), ((1, 9), Neighbourhood("min-max"))):
-        planes = np.asarray(taps._plane_visibilities(viewed, "ranks", 1))
-        squared = taps.set_errors(planes, viewed, [members])[0]
+        planes = taps._plane_visibilities(viewed, "ranks", 1)
+        found = taps.set_errors(planes, viewed, jnp.asarray([members]))[0]
         direct = float(error_of(viewed.read(MultiDepth(policy)), viewed))
-        assert np.sqrt(squared) == pytest.approx(direct, rel=1e-9)
+        assert float(found) == pytest.approx(direct, rel=1e-9)
 
 
 def test_the_best_set_is_the_best_of_all(viewed):
-    found = taps.best_depths((viewed,), (viewed,), 3, 1)
-    assert found.num_sets == 36
+    found = taps.depths((viewed,), (viewed,), 3, 1)
+    assert found.certificate.num_sets == 36
     others = [
         float(error_of(viewed.read(MultiDepth(Ranks(pair))), viewed)) for pair in ((1, 9), (3, 7), (4, 6), (2, 8))
     ]
-    assert found.error <= min(others) + 1e-12
-    assert float(error_of(viewed.read(MultiDepth(found.policy)), viewed)) == pytest.approx(found.error, rel=1e-9)
-    assert found.published["min-max"][0] == pytest.approx(others[0], rel=1e-9)
-    cells = taps.best_depths((viewed,), (viewed,), 2, 1, "cells")
-    assert isinstance(cells.policy, Cells)
-    assert cells.error <= cells.published["ring"][0]
+    assert found.objective_value <= min(others) + 1e-12
+    assert float(error_of(viewed.read(MultiDepth(found.value)), viewed)) == pytest.approx(
+        float(found.objective_value), rel=1e-9
+    )
+    assert float(found.baselines["min-max"]) == pytest.approx(others[0], rel=1e-9)
+    cells = taps.depths((viewed,), (viewed,), 2, 1, "cells")
+    assert isinstance(cells.value, Cells)
+    for one in (found, cells):
+        assert applied(one) == pytest.approx(float(one.objective_value), rel=1e-3)
+    assert cells.objective_value <= cells.baselines["ring"]
 
 
 def test_offset_taps_on_the_grid_are_bilinear_pcf_and_their_gradient_is_right(viewed):
@@ -79,23 +93,41 @@ def test_offset_taps_on_the_grid_are_bilinear_pcf_and_their_gradient_is_right(vi
     for i, j in ((0, 0), (1, 1)):
         up, down = (taps._taps_error(offsets.at[i, j].add(s * step), (viewed,), 1.5) for s in (1, -1))
         assert float(slope[i, j]) == pytest.approx(float((up - down) / (2 * step)), rel=1e-4, abs=1e-9)
-    found = taps.best_taps((viewed,), (viewed,), 1, 4)
-    assert found.error <= found.start_error
-    assert np.abs(np.asarray(found.offsets)).max() < 1.0
+    found = taps.taps((viewed,), (viewed,), 1, 4)
+    assert found.objective_value <= found.baselines["start"]
+    assert np.abs(np.asarray(found.value)).max() < 1.0
+    assert applied(found) == pytest.approx(float(found.objective_value), rel=1e-3)
     with pytest.raises(ValueError, match=r"must have shape \(taps, 2\)"):
         OffsetPercentageCloser.create([1.0, 2.0])
 
 
 def test_a_search_of_numbers_never_ends_above_its_start(viewed):
-    found = best_numbers((viewed,), "vsm", 3, 4, (viewed,))
-    assert len(found.tried) == 4
-    assert found.error == min(error for _, error in found.tried)
+    found = exponent((viewed,), "vsm", 3, 4, (viewed,))
+    assert len(found.certificate.tried) == 4
+    assert found.objective_value == min(error for _, error in found.certificate.tried)
     assert found.gain >= 1
-    assert found.test_error == pytest.approx(found.error)
+    assert found.text.startswith("The maximum number of steps was reached")
+    assert applied(found) == pytest.approx(float(found.objective_value), rel=1e-3)
+    assert found.certificate.test_error == pytest.approx(float(found.objective_value))
     for family in FAMILIES.values():
         for knob in family.knobs:
             assert knob.low <= knob.start <= knob.high
             assert knob.low <= knob.move(knob.start, 1) <= knob.high
+
+
+def test_the_error_of_a_picture_is_a_name_or_a_function():
+    """Mean absolute error as a function; scenes and names are looked at by the search itself."""
+    mean = lambda seen, exact, cosine: jnp.mean(jnp.abs(seen - exact), where=cosine > 0)  # noqa: E731
+    viewed = view_scene("plate-over-plane", 32, 24, 32, mean)
+    found = bias(viewed, PercentageCloser(3), "slope", 5)
+    shadows = viewed.read(PercentageCloser(3), found.value)
+    off = np.abs(np.asarray(shadows.visibility(viewed.points, viewed.normals) - viewed.exact))[np.asarray(viewed.valid)]
+    assert float(found.objective_value) == pytest.approx(off.mean(), rel=1e-9)
+    assert all(one is viewed for one in as_views([viewed, viewed]))
+    with pytest.raises(ValueError, match="'light', 'visibility'"):
+        view_scene("plate-over-plane", 32, 24, 32, "darkness")
+    with pytest.raises(ValueError, match="at least one scene"):
+        bias([], PercentageCloser(3))
 
 
 @pytest.mark.parametrize("command", ["bias", "taps"])

@@ -34,13 +34,13 @@ class Flat(eqx.Module):
 
 def test_it_walks_along_a_valley_and_leaves_alone_what_has_no_influence():
     found = recover(Valley(), [jnp.asarray([-1.2, 1.0, 7.0])], target=1e-20)
-    assert found.solved
+    assert found.certificate.solved
     assert found.converged
-    np.testing.assert_allclose(found.parameters, [1.0, 1.0, 7.0], atol=1e-9)
-    assert (np.diff(found.losses) < 0).all()
-    np.testing.assert_array_equal(found.history[0], [-1.2, 1.0, 7.0])
-    np.testing.assert_array_equal(found.history[-1], found.parameters)
-    assert found.loss == found.losses[-1]
+    np.testing.assert_allclose(found.value, [1.0, 1.0, 7.0], atol=1e-9)
+    assert (np.diff(found.certificate.losses) < 0).all()
+    np.testing.assert_array_equal(found.certificate.history[0], [-1.2, 1.0, 7.0])
+    np.testing.assert_array_equal(found.certificate.history[-1], found.value)
+    assert found.objective_value == found.certificate.losses[-1]
 
 
 def test_slopes_are_the_derivative():
@@ -52,21 +52,21 @@ def test_slopes_are_the_derivative():
 def test_a_local_minimum_is_told_and_another_start_helps():
     alone = recover(Waves(), [jnp.asarray([5.2])], target=1e-20)
     assert alone.converged
-    assert not alone.solved
-    assert "local" in alone.reason
+    assert not alone.certificate.solved
+    assert "local" in alone.certificate.reason
     both = recover(Waves(), [jnp.asarray([5.2]), jnp.asarray([2.3])], target=1e-20)
-    assert both.solved
-    assert both.tried == 2
-    np.testing.assert_allclose(both.parameters, 2.0, atol=1e-9)
+    assert both.certificate.solved
+    assert both.certificate.tried == 2
+    np.testing.assert_allclose(both.value, 2.0, atol=1e-9)
 
 
 def test_it_says_why_it_did_not_converge():
     few = recover(Valley(), [jnp.asarray([-1.2, 1.0, 0.0])], target=1e-20, max_steps=2)
     assert not few.converged
-    assert "raise max_steps" in few.reason
+    assert "raise max_steps" in few.certificate.reason
     still = recover(Flat(), [jnp.zeros(2)])
     assert not still.converged
-    assert "no parameter changes" in still.reason
+    assert "no parameter changes" in still.certificate.reason
 
 
 @pytest.mark.parametrize(

@@ -89,16 +89,18 @@ def test_the_uniform_map_is_chosen_where_it_wins():
 def test_balanced_overhead_has_the_stated_closed_form():
     found = near_distance(1.0, 1000.0, 0.5, jnp.pi / 2, "axis", "both")
     share = jnp.sqrt(999.0 / (2 * jnp.tan(0.5))) / 1000
-    np.testing.assert_allclose(found.near_distance, 999 * share / (1 - share), rtol=1e-9)
+    np.testing.assert_allclose(found.value, 999 * share / (1 - share), rtol=1e-9)
 
 
 def test_single_precision_is_near(dtype):
     frusta = random_frusta(60, seed=4, dtype=dtype, largest=3)
     found = near_distance(*fields(frusta))
-    assert found.near_distance.dtype == dtype
+    assert found.value.dtype == dtype
     double = [x.astype(jnp.float64) for x in fields(frusta)]
     exact = near_distance(*double[:3], jnp.minimum(double[3], jnp.pi / 2))
-    np.testing.assert_allclose(found.error, exact.error, rtol=1e-12 if dtype == jnp.float64 else 2e-4)
+    np.testing.assert_allclose(
+        found.objective_value, exact.objective_value, rtol=1e-12 if dtype == jnp.float64 else 2e-4
+    )
 
 
 @pytest.mark.parametrize(

@@ -52,21 +52,52 @@ def test_predicted_mean_is_the_mean_of_the_measured_jacobians(surface, projectio
         np.testing.assert_allclose(mean_error(pixels, jnp.asarray(distance)), mean, rtol=1e-9)
 
 
+def applied(found, surface, pixels, cuts):
+    """Mean pixels per texel of the technique that a solution makes, by differentiating its maps' real projections."""
+    partition = found.technique(SIZE).partition.fit(MESH, LIGHT, CAMERA)
+    image = camera_grid(CAMERA, SIZE, SIZE)
+    depth = np.asarray((surface.points - CAMERA.position) @ CAMERA.forward).reshape(-1)
+    index = np.clip(np.searchsorted(np.asarray(cuts), depth, "right") - 1, 0, len(cuts) - 2)
+    each = [
+        np.asarray(aliasing_map(image, grid, surface.points, surface.normals).perspective).reshape(-1)
+        for grid in partition.grids(MESH, LIGHT, CAMERA, SIZE)
+    ]
+    valid, weight = np.asarray(pixels.weight > 0), np.asarray(pixels.weight)
+    return np.stack(each)[index, np.arange(len(index))][valid].sum() / weight.sum()
+
+
+@pytest.mark.parametrize("objective", ["mean", "function"])
+def test_the_applied_near_distance_has_the_error_that_is_told(surface, pixels, objective):
+    asked = "mean" if objective == "mean" else lambda q, pixels: mean_error(pixels, q)
+    found = near_distance_for_view(pixels, asked)
+    view = pixels.frustum
+    np.testing.assert_allclose(applied(found, surface, pixels, [view.near, view.far]), found.objective_value, rtol=1e-3)
+    assert found.converged
+    assert found.baselines["uniform"] > found.objective_value
+
+
+def test_the_applied_splits_have_the_error_that_is_told(surface, pixels):
+    found = splits_for_view(pixels, 2, 16)
+    assert found.gain > 1
+    measured = applied(found, surface, pixels, found.value.cuts)
+    np.testing.assert_allclose(measured, found.objective_value, rtol=1e-3)
+
+
 def test_nothing_on_a_grid_beats_the_best_near_distance(pixels):
     grid = jnp.exp(jnp.linspace(-6, 12, 4001))
     found = near_distance_for_view(pixels)
     errors = jax.vmap(lambda q: mean_error(pixels, q))(grid)
-    assert float(found.error) <= float(jnp.min(errors)) * (1 + 1e-12)
-    np.testing.assert_allclose(mean_error(pixels, found.near_distance), found.error, rtol=1e-9)
+    assert float(found.objective_value) <= float(jnp.min(errors)) * (1 + 1e-12)
+    np.testing.assert_allclose(mean_error(pixels, found.value), found.objective_value, rtol=1e-9)
     # the light leans: the optimum is a kink, where another corner begins to bound the map's width
-    assert found.slope_below < -1e-3
-    assert found.slope_above > 1e-3
+    assert found.certificate.slope_below < -1e-3
+    assert found.certificate.slope_above > 1e-3
     assert found.gain >= 1
     worst = near_distance_for_view(pixels, "worst")
     chart = chart_between(pixels, pixels.frustum.near, pixels.frustum.far)
     stretch = 1 + jnp.clip(pixels.rise - chart.lowest, 0, None) / grid[:, None]
     tried = jnp.max(pixels.weight / pixels.depth * stretch**2, axis=-1) * chart.extent / (1 + chart.extent / grid)
-    assert float(worst.error) <= float(jnp.min(tried / (2 * CAMERA.half_size[1]))) * (1 + 1e-9)
+    assert float(worst.objective_value) <= float(jnp.min(tried / (2 * CAMERA.half_size[1]))) * (1 + 1e-9)
     with pytest.raises(ValueError, match="objective"):
         near_distance_for_view(pixels, "median")
 
@@ -76,15 +107,15 @@ def test_best_near_distance_carries_the_implicit_derivative(surface):
     upright = DirectionalLight.create(0.6 * np.asarray(CAMERA.forward) - 0.8 * np.asarray(CAMERA.up))
     pixels = seen_pixels(surface, CAMERA, upright)
     smooth = near_distance_for_view(pixels)
-    assert abs(float(smooth.slope_below)) < 1e-6
-    assert abs(float(smooth.slope_above)) < 1e-6
-    assert not smooth.uniform
+    assert abs(float(smooth.certificate.slope_below)) < 1e-6
+    assert abs(float(smooth.certificate.slope_above)) < 1e-6
+    assert not smooth.certificate.uniform
 
     @jax.jit
     def best(power):
         weight = pixels.weight * (pixels.depth / 8) ** power
         changed = eqx.tree_at(lambda p: p.weight, pixels, weight)
-        return jnp.log(near_distance_for_view(changed).near_distance)
+        return jnp.log(near_distance_for_view(changed).value)
 
     at, step = jnp.asarray(0.3), 1e-4
     expected = (best(at + step) - best(at - step)) / (2 * step)
@@ -106,14 +137,14 @@ def test_planes_are_the_best_of_all_on_the_grid(pixels):
             sums = jnp.asarray(raw[:, inside].sum(axis=1))
             total += float(np.min(jax.vmap(lambda q, s=sums, c=chart: total_error(s, c, 1 / q))(jnp.asarray(grid))))
         costs.append(total / float(jnp.sum(pixels.weight)))
-    assert found.error <= min(costs) * (1 + 1e-9)
-    np.testing.assert_allclose(found.error, min(costs), rtol=1e-3)  # the trial n' lie apart
-    np.testing.assert_allclose(found.splits[1], edges[1 + int(np.argmin(costs))], rtol=1e-9)
-    assert found.coarser >= -1e-12
+    assert found.objective_value <= min(costs) * (1 + 1e-9)
+    np.testing.assert_allclose(found.objective_value, min(costs), rtol=1e-3)  # the trial n' lie apart
+    np.testing.assert_allclose(found.value.cuts[1], edges[1 + int(np.argmin(costs))], rtol=1e-9)
+    assert found.certificate.coarser >= -1e-12
     single = splits_for_view(pixels, 1, 16)
-    np.testing.assert_allclose(single.error, near_distance_for_view(pixels).error, rtol=1e-6)
-    assert found.error < single.error
-    assert (jnp.diff(found.splits) > 0).all()
+    np.testing.assert_allclose(single.objective_value, near_distance_for_view(pixels).objective_value, rtol=1e-6)
+    assert found.objective_value < single.objective_value
+    assert (jnp.diff(found.value.cuts) > 0).all()
     for bad, message in (((0,), "at least 1"), ((2, 3), "num_bins"), ((2, 5), "even")):
         with pytest.raises(ValueError, match=message):
             splits_for_view(pixels, *bad)

@@ -38,18 +38,18 @@ LONG = tuple(np.asarray(part, np.longdouble) for part in VIEWS)
 def test_single_precision_loses_a_hundred_thousandth_at_most(objective, section):
     """Search and closed form; and the certificate's bound on rounding holds, while it stays small."""
     found = near_distance(*map(jnp.asarray, VIEWS), section, objective)
-    assert found.near_distance.dtype == jnp.float32
+    assert found.value.dtype == jnp.float32
     _, best, _ = oracle.solve(LONG, objective, section)
 
     def there(distance):
         return oracle.leader(LONG, np.log(np.asarray(distance).astype(np.longdouble)), objective, section)[0]
 
-    error = np.asarray(found.error).astype(np.longdouble)
-    assert np.max(np.expm1(there(found.near_distance) - best)) < 1e-5
+    error = np.asarray(found.objective_value).astype(np.longdouble)
+    assert np.max(np.expm1(there(found.value) - best)) < 1e-5
     assert np.max(np.expm1(there(found.certificate.closed_form) - best)) < 1e-5
     assert np.max(np.abs(error / np.exp(best) - 1)) < 1e-4
     bound = np.asarray(found.certificate.rounding)
-    assert (np.abs(error / np.exp(there(found.near_distance)) - 1) <= bound).all()
+    assert (np.abs(error / np.exp(there(found.value)) - 1) <= bound).all()
     assert bound.max() < 1e-4
     assert (found.certificate.difference < 1).all()
 

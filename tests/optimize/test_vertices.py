@@ -28,27 +28,26 @@ def test_spreading_keeps_a_common_motion_and_smooths_others():
 def test_a_descent_comes_to_its_goal_and_says_so():
     found = descend(bowl, START, diffuser(FACES, 4, 1.0), 200, 0.05, target=1e-4)
     assert found.converged
-    assert found.finite
-    assert found.losses[-1] <= 1e-4
-    assert "as small as asked" in found.reason
-    assert len(found.losses) == len(found.vertices) == len(found.others)
-    np.testing.assert_array_equal(found.others[-1], found.vertices[-1][0])
-    np.testing.assert_array_equal(found.vertices[0], START)
-    assert found.fall == found.losses[0] / found.losses[-1]
+    assert found.certificate.losses[-1] <= 1e-4
+    assert "as small as asked" in found.certificate.reason
+    assert len(found.certificate.losses) == len(found.certificate.vertices) == len(found.certificate.others)
+    np.testing.assert_array_equal(found.certificate.others[-1], found.certificate.vertices[-1][0])
+    np.testing.assert_array_equal(found.certificate.vertices[0], START)
+    assert found.gain == found.certificate.losses[0] / found.certificate.losses[-1]
 
 
 def test_steps_that_run_out_and_losses_that_are_flat_or_broken_are_told():
     few = descend(bowl, START, np.eye(4), 4, 0.01)
     assert not few.converged
-    assert "raise num_steps" in few.reason
+    assert "raise num_steps" in few.certificate.reason
     flat = descend(lambda v: (1.0, None, np.zeros_like(v)), START, np.eye(4), 4, 0.01)
     assert not flat.converged
-    assert "no slope" in flat.reason
-    assert len(flat.losses) == 1
+    assert "no slope" in flat.certificate.reason
+    assert len(flat.certificate.losses) == 1
     broken = descend(lambda v: (1.0, None, np.full_like(v, np.nan)), START, np.eye(4), 4, 0.01)
-    assert not broken.finite
+    assert not broken.certificate.finite
     assert not broken.converged
-    assert "not finite at step 0" in broken.reason
+    assert "not finite at step 0" in broken.certificate.reason
     at_rest = descend(bowl, GOAL, np.eye(4), 4, 0.01)
     assert at_rest.converged
 

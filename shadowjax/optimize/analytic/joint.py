@@ -8,18 +8,27 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 from jax.core import Tracer
 from scipy.optimize import minimize, nnls
 
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice, require_int, require_value
-from shadowjax._numerics import larger, largest
 from shadowjax._types import Array, ArrayLike, Bool, Float
-from shadowjax.optimize.analytic.splits import WARPS
-from shadowjax.theory.aliasing.error import error_pieces, error_x, error_z, storage_factor
+from shadowjax.optimize.analytic._joint_conditions import (
+    Problem,
+    condition_and_slope,
+    condition_of,
+    distances_of,
+    functions_and_slopes,
+    log_jumps,
+    log_storages,
+)
+from shadowjax.optimize.analytic.slices import KIND, OBJECTIVES, WARPS, Slices, equal_ratios, similar, total
+from shadowjax.optimize.solution import Solution, ended
+from shadowjax.theory.aliasing.error import storage_factor
 from shadowjax.theory.aliasing.light_frustum import SECTIONS, LightFrustum, Section
 
-OBJECTIVES = ("max", "sum")
 JOINT_WARPS = ("free", *WARPS)
 RANDOM_STARTS = 16
 NEARLY = 1e-3  # slack of a constraint, in ln, below which it may turn out to be active
@@ -34,139 +43,22 @@ class JointCertificate(Checked):
     Attributes:
         residual: What is left of the objective's slope after the active constraints' multipliers have taken their part
             (Karush–Kuhn–Tucker), relative to that slope; 0 at a stationary point.
-        converged: Whether it is stationary and keeps its constraints, both to within the precision of the numbers.
         violation: Largest excess of a constraint, in ln of a storage or of a jump; at most rounding.
         seam_jump: Largest jump of m_x or m_z on the view axis at a cut.
         seam_limited: Whether the limit is what holds the optimum.
-        equal: Objective of equal ratios (warping, eq. 50) with the same warp, its n' the closed form if free.
-        published: Objective of equal ratios with n' of eq. 42 and 44.
-        published_jump: Their largest jump: they may break the limit.
-        gain: `published` over the objective found; below 1 where only the limit makes it worse.
+        published_jump: Largest jump of equal ratios with n' of eq. 42 and 44: they may break the limit.
         starts: How many starting points the search had.
     """
 
     residual: Float[Array, "*views"]
-    converged: Bool[Array, "*views"]
     violation: Float[Array, "*views"]
     seam_jump: Float[Array, "*views"]
     seam_limited: Bool[Array, "*views"]
-    equal: Float[Array, "*views"]
-    published: Float[Array, "*views"]
     published_jump: Float[Array, "*views"]
-    gain: Float[Array, "*views"]
     starts: int = eqx.field(static=True)
 
 
-class JointSplits(Checked):
-    """The best planes and near distances of views and lights.
-
-    Attributes:
-        splits: k + 1 planes along the last axis, world units, n and f included; other axes are those of the views.
-        near_distances: n' of every slice, world units; huge for a uniform map.
-        storage: Sum or maximum of the slices' storage factors; it has the shape of the views.
-        certificate: Evidence that it is optimal.
-    """
-
-    splits: Float[Array, "*views planes"]
-    near_distances: Float[Array, "*views slices"]
-    storage: Float[Array, "*views"]
-    certificate: JointCertificate
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain numbers, as `optimize splits` writes them."""
-        return {
-            "splits": self.splits.tolist(),
-            "storage": self.storage.tolist(),
-            "near_distances": self.near_distances.tolist(),
-            "certificate": {
-                name: value if isinstance(value, int) else value.tolist()
-                for name, value in vars(self.certificate).items()
-            },
-        }
-
-
-def _slices(view: LightFrustum, log_ratios: Array) -> LightFrustum:
-    """Similar slices of near distance 1."""
-    one = jnp.ones_like(log_ratios)
-    return LightFrustum(one, jnp.exp(log_ratios), one * view.phi_y, one * view.phi_x, one * view.gamma)
-
-
-def _distances(parts: LightFrustum, bend: Array, warp: str, section: Section) -> Array:
-    """n' of slices: by rule, or W(1 − b)/b of free bends b = W/(n' + W) in (0, 1), of which 0 is the uniform map."""
-    if warp != "free":
-        return WARPS[warp](parts, section)
-    return parts.bounded(parts.extent * (1 - bend) / bend)
-
-
-@checked
-def log_storages(frustum: LightFrustum, near_distance: Array, section: Section) -> Float[Array, "slices 8"]:
-    """ln of the eight smooth functions whose largest is a slice's S.
-
-    Their maximum is smooth nowhere that matters, so the optimiser is given all eight as constraints.
-    """
-    return error_pieces(frustum, "storage", section).logs(near_distance)
-
-
-@checked
-def log_jumps(parts: LightFrustum, distance: Array) -> Float[Array, "cuts 2"]:
-    """ln of the error after over the error before each cut, for m_x and m_z on the view axis, of similar slices."""
-
-    def jump(error: Any) -> Array:
-        # seen from the cut, both slices have it at depth 1: errors of similar slices do not depend on scale
-        return jnp.log(error(parts, distance, parts.near)[1:] / error(parts, distance, parts.far)[:-1])
-
-    return jnp.stack([jump(error_x), jump(error_z)], axis=-1)
-
-
-def _excesses(parts: LightFrustum, distance: Array) -> Float[Array, "cuts 6"]:
-    """Functions of each cut whose largest is the jump's logarithm, up or down, for m_x and m_z.
-
-    A slice is as wide as its near or its far plane needs. Each of these widths is a function of its own where it makes
-    a jump larger, for the optimum may lie where both are equal.
-    """
-    strength = 1 / distance
-    planes = (parts.near, parts.low_near), (parts.far, parts.low_far)
-    widths = jnp.stack([jnp.log(depth) - jnp.log1p(strength * low) for depth, low in planes])
-
-    def worst(depth: Array) -> Array:
-        return jnp.log1p(parts.offset(depth) * strength) - jnp.log(depth)
-
-    after = widths[:, 1:] + worst(parts.near)[1:]
-    before = widths[:, :-1] + worst(parts.far)[:-1]
-    up, down = after - larger(before[0], before[1]), before - larger(after[0], after[1])
-    along = log_jumps(parts, distance)[:, 1]
-    return jnp.stack([*up, *down, along, -along], axis=-1)
-
-
-class _Kind(NamedTuple):
-    """What is asked for, apart from numbers."""
-
-    k: int
-    objective: str
-    warp: str
-    section: Section
-    limited: bool
-
-
-def _functions(v: Array, view: LightFrustum, limit: Array, kind: _Kind) -> tuple[Array, Array]:
-    """The objective and all constraints (≥ 0), at log ratios, bends and ln S."""
-    k = kind.k
-    log_ratios, bend, level = v[:k], v[k : 2 * k], v[2 * k :]
-    parts = _slices(view, log_ratios)
-    distance = _distances(parts, bend, kind.warp, kind.section)
-    above = level[:, None] - log_storages(parts, distance, kind.section)
-    held = [above.reshape(-1)]
-    if kind.limited:
-        held.append((limit - _excesses(parts, distance)).reshape(-1))
-    worst = level[0] if kind.objective == "max" else jax.nn.logsumexp(level)
-    return worst, jnp.concatenate(held)
-
-
-@eqx.filter_jit
-def _problem(v: Array, view: LightFrustum, limit: Array, kind: _Kind) -> tuple[Any, Any]:
-    """Value and slope of the objective, and values and slopes of all constraints."""
-    functions = lambda v: _functions(v, view, limit, kind)  # noqa: E731
-    return functions(v), jax.jacfwd(functions)(v)
+JointSlices = Solution[Slices, JointCertificate]
 
 
 class _Point(NamedTuple):
@@ -187,30 +79,6 @@ class _Point(NamedTuple):
     fixed: Any
     residual: Any
     violation: Any
-
-
-def _condition(
-    z: Array, view: LightFrustum, limit: Array, start: Array, holds: Array, fixed: Array, kind: _Kind
-) -> Array:
-    """What vanishes at a stationary point: balance of slopes, active constraints, the sum of log ratios."""
-    num = start.shape[0]
-    v, forces = z[:num], z[num:]
-    span = jnp.log1p((view.far - view.near) / view.near)
-    sums = (jnp.arange(num) < kind.k).astype(v.dtype)
-
-    def balance(v: Array) -> Array:
-        worst, held = _functions(v, view, limit, kind)
-        return worst - jnp.sum(jnp.where(holds, forces[:-1] * held, 0.0)) - forces[-1] * jnp.sum(sums * v)
-
-    _, held = _functions(v, view, limit, kind)
-    slopes = jnp.where(fixed, v - start, jax.grad(balance)(v))
-    return jnp.concatenate([slopes, jnp.where(holds, held, forces[:-1]), (jnp.sum(sums * v) - span)[None]])
-
-
-@eqx.filter_jit
-def _condition_and_slope(z: Array, *args: Any) -> tuple[Array, Array]:
-    condition = lambda z: _condition(z, *args)  # noqa: E731
-    return condition(z), jax.jacfwd(condition)(z)
 
 
 def _starts(span: float, k: int, limit: float, limited: bool, free: bool) -> Iterator[tuple[Any, Any]]:
@@ -250,7 +118,7 @@ def joint_splits(
     warp: str = "free",
     seam_limit: ArrayLike | None = None,
     section: str = "axis",
-) -> JointSplits:
+) -> JointSlices:
     """The planes of k depth slices, and the n' of each, of least storage, under a limit on the jump at seams.
 
     The four numbers of a view, and the limit, broadcast against each other; planes and n' stand along a last axis.
@@ -259,8 +127,8 @@ def joint_splits(
 
     The problem is smooth once every slice's storage is a variable above the eight smooth functions whose maximum it is.
     Sequential quadratic programming from several starts, with exact derivatives, finds the active constraints, and
-    Newton's method on their conditions ends it; the certificate says how stationary the result is. Run it with 64-bit
-    floats: with 32 the residual is large.
+    Newton's method on their conditions ends it; the certificate says how stationary the result is. That search is in
+    64-bit floats, whatever the numbers given.
 
     Args:
         near: Depth n, world units, > 0.
@@ -269,7 +137,7 @@ def joint_splits(
         gamma: Angle between light and view, radians, in [0, π/2].
         num_partitions: k ≥ 1.
         objective: "sum", all texels, or "max", the largest slice's.
-        warp: "free" to choose every n'; or a rule of `shadowjax.optimize.analytic.splits.WARPS`.
+        warp: "free" to choose every n'; or a rule of `shadowjax.optimize.analytic.slices.WARPS`.
         seam_limit: Largest factor, > 1, by which m_x and m_z may change at a cut on the view axis; none if None.
         section: "axis" or "whole" vertical section, over which errors are taken.
 
@@ -286,7 +154,7 @@ def joint_splits(
     k = require_int(num_partitions, "the number of partitions k", 1)
     factor = jnp.asarray(math.e if seam_limit is None else seam_limit, view.near.dtype)
     limit = jnp.log(require_value(factor, factor > 1, "seam_limit, a factor, must exceed 1"))
-    kind = _Kind(k, objective, warp, checked, seam_limit is not None and k > 1)
+    kind = Problem(k, objective, warp, checked, seam_limit is not None and k > 1)
     shape = jnp.broadcast_shapes(limit.shape, *(x.shape for x in jax.tree.leaves(view)))
     flat = jax.tree.map(lambda x: jnp.broadcast_to(x, shape).reshape(-1), (view, limit))
     fixed = jax.tree.leaves(jax.lax.stop_gradient(flat))
@@ -301,7 +169,7 @@ def joint_splits(
     return jax.tree.map(lambda x: x.reshape(*shape, *x.shape[1:]), found)
 
 
-def _blank(kind: _Kind, views: int, dtype: Any) -> _Point:
+def _blank(kind: Problem, views: int, dtype: Any) -> _Point:
     """An array of the shape of each part of the points of several views."""
     num = 2 * kind.k + (kind.k if kind.objective == "sum" else 1)
     constraints = 8 * kind.k + (6 * (kind.k - 1) if kind.limited else 0)
@@ -310,18 +178,19 @@ def _blank(kind: _Kind, views: int, dtype: Any) -> _Point:
     return _Point(zero(num), zero(constraints + 1), flags(constraints), flags(num), zero(), zero())
 
 
-def _find(kind: _Kind, *numbers: Array) -> _Point:
-    """The best point of every view, one after the other, on the host."""
+def _find(kind: Problem, *numbers: Array) -> _Point:
+    """The best point of every view, one after the other, on the host; in float64, without which residuals are large."""
     dtype = numbers[0].dtype
     points = []
-    for row in zip(*(np.asarray(x).tolist() for x in numbers), strict=True):
-        *fields, limit = (jnp.asarray(x, dtype) for x in row)
-        points.append(_search(LightFrustum(*fields), limit, kind))
+    with jax.enable_x64(True):
+        for row in zip(*(np.asarray(x).tolist() for x in numbers), strict=True):
+            *fields, limit = (jnp.asarray(x, jnp.float64) for x in row)
+            points.append(_search(LightFrustum(*fields), limit, kind))
     return _Point(*(np.stack(parts).astype(like.dtype) for parts, like in zip(
         zip(*points, strict=True), _blank(kind, 1, dtype), strict=True)))  # fmt: skip
 
 
-def _search(view: LightFrustum, limit: Array, kind: _Kind) -> _Point:
+def _search(view: LightFrustum, limit: Array, kind: Problem) -> _Point:
     best = None
     span = math.log(float(view.far / view.near))
     for log_ratios, bend in _starts(span, kind.k, float(limit), kind.limited, kind.warp == "free"):
@@ -340,12 +209,12 @@ def _search(view: LightFrustum, limit: Array, kind: _Kind) -> _Point:
 def _at(v: np.ndarray, args: tuple[Any, ...]) -> tuple[tuple[float, np.ndarray], tuple[np.ndarray, np.ndarray]]:
     """Value and constraints, and their slopes, as NumPy arrays."""
     dtype = args[0].near.dtype
-    (value, held), (slope, slopes) = jax.tree.map(np.asarray, _problem(jnp.asarray(v, dtype), *args))
+    (value, held), (slope, slopes) = jax.tree.map(np.asarray, functions_and_slopes(jnp.asarray(v, dtype), *args))
     as_double = lambda x: np.asarray(x, np.float64)  # noqa: E731
     return (float(value), as_double(held)), (as_double(slope), as_double(slopes))
 
 
-def _num_starts(kind: _Kind) -> int:
+def _num_starts(kind: Problem) -> int:
     """How many starting points a search has."""
     return sum(1 for _ in _starts(4.0, kind.k, 1.0, kind.limited, kind.warp == "free"))
 
@@ -354,12 +223,12 @@ def _solve(start: np.ndarray, bend: np.ndarray | None, *args: Any) -> tuple[np.n
     """Variables and exact objective from one start; None where the result breaks the limit."""
     view, _, kind = args
     k, dtype = kind.k, view.near.dtype
-    parts = _slices(view, jnp.asarray(start, dtype))
+    parts = similar(view, jnp.asarray(start, dtype))
     if bend is None:
         distance = WARPS["least_storage" if kind.warp == "free" else kind.warp](parts, kind.section)
         bend = np.asarray(parts.extent / (parts.extent + distance), np.float64)
     else:
-        distance = _distances(parts, jnp.asarray(bend, dtype), kind.warp, kind.section)
+        distance = distances_of(parts, jnp.asarray(bend, dtype), kind.warp, kind.section)
     level = np.max(np.asarray(log_storages(parts, distance, kind.section), np.float64), axis=-1)
     level = level if kind.objective == "sum" else np.asarray([level.max()])
     v = np.concatenate([start, np.clip(bend, 1e-9, 1 - 1e-9), level])
@@ -384,8 +253,8 @@ def _exact(v: np.ndarray, args: tuple[Any, ...]) -> tuple[np.ndarray, float, flo
     """Variables with the levels that the others give; the objective; and by how much a jump exceeds its limit."""
     view, limit, kind = args
     k, dtype = kind.k, view.near.dtype
-    parts = _slices(view, jnp.asarray(v[:k], dtype))
-    distance = _distances(parts, jnp.asarray(v[k : 2 * k], dtype), kind.warp, kind.section)
+    parts = similar(view, jnp.asarray(v[:k], dtype))
+    distance = distances_of(parts, jnp.asarray(v[k : 2 * k], dtype), kind.warp, kind.section)
     levels = np.max(np.asarray(log_storages(parts, distance, kind.section), np.float64), axis=-1)
     level, value = (levels, np.exp(levels).sum()) if kind.objective == "sum" else ([levels.max()], np.exp(levels.max()))
     over = float(jnp.max(jnp.abs(log_jumps(parts, distance)))) - float(limit) if kind.limited else 0.0
@@ -409,14 +278,8 @@ def _settled(v: np.ndarray, *args: Any) -> _Point:
     z = np.concatenate([trial.v, trial.forces])
     numbers = [jnp.asarray(x, dtype) for x in v]
     for _ in range(STEPS):
-        rest, slopes = _condition_and_slope(
-            jnp.asarray(z, dtype),
-            args[0],
-            args[1],
-            jnp.stack(numbers),
-            jnp.asarray(trial.holds),
-            jnp.asarray(fixed),
-            kind,
+        rest, slopes = condition_and_slope(
+            jnp.asarray(z, dtype), *args[:2], jnp.stack(numbers), jnp.asarray(trial.holds), jnp.asarray(fixed), kind
         )
         z = z - np.linalg.lstsq(np.asarray(slopes, np.float64), np.asarray(rest, np.float64))[0]
     new, value, _ = _exact(z[:num], args) if np.isfinite(z).all() else (v, math.inf, 0.0)
@@ -447,7 +310,7 @@ def _balanced(v: np.ndarray, fixed: np.ndarray, slack: float, args: tuple[Any, .
 
 
 @eqx.filter_jit
-def _all_reports(views: LightFrustum, limits: Array, points: _Point, kind: _Kind) -> JointSplits:
+def _all_reports(views: LightFrustum, limits: Array, points: _Point, kind: Problem) -> JointSlices:
     return jax.vmap(lambda view, limit, point: _report(view, limit, point, kind))(views, limits, points)
 
 
@@ -457,12 +320,12 @@ _REFUSED = (
 )
 
 
-def _variables(view: LightFrustum, limit: Array, point: Any, kind: _Kind, settled: Array) -> Array:
+def _variables(view: LightFrustum, limit: Array, point: Any, kind: Problem, settled: Array) -> Array:
     """The variables, with the derivative of the stationary point that they are."""
     start, holds, fixed = point.v, point.holds, point.fixed
 
     def condition(z: Array) -> Array:
-        return _condition(z, view, limit, start, holds, fixed, kind)
+        return condition_of(z, view, limit, start, holds, fixed, kind)
 
     def tangent(linear: Any, change: Array) -> Array:
         matrix = jax.jacfwd(linear)(jnp.zeros_like(change))
@@ -475,45 +338,35 @@ def _variables(view: LightFrustum, limit: Array, point: Any, kind: _Kind, settle
     return z[: start.shape[0]]
 
 
-def _report(view: LightFrustum, limit: Array, point: Any, kind: _Kind) -> JointSplits:
+def _report(view: LightFrustum, limit: Array, point: Any, kind: Problem) -> JointSlices:
     """Planes, near distances and certificate of the best variables of one view."""
     k, section = kind.k, kind.section
     single = view.near.dtype == jnp.float32
     converged = (point.residual < (1e-3 if single else 1e-6)) & (point.violation <= (1e-4 if single else HELD))
     v = _variables(view, limit, point, kind, converged)
     log_ratios = v[:k]
-    parts = _slices(view, log_ratios)
-    distance = _distances(parts, v[k : 2 * k], kind.warp, section)
-
-    def total(each: Array) -> Array:
-        return jnp.sum(each) if kind.objective == "sum" else largest(each)
+    parts = similar(view, log_ratios)
+    distance = distances_of(parts, v[k : 2 * k], kind.warp, section)
 
     def jump(parts: LightFrustum, distance: Array) -> Array:
         return jnp.exp(jnp.max(jnp.abs(log_jumps(parts, distance)), initial=0.0))
 
-    storage = total(storage_factor(parts, distance, section))
-    similar = _slices(view, jnp.full_like(log_ratios, 1 / k) * jnp.sum(log_ratios))
+    storage = total(storage_factor(parts, distance, section), kind.objective)
+    alike = similar(view, jnp.full_like(log_ratios, 1 / k) * jnp.sum(log_ratios))
     rule = "least_storage" if kind.warp == "free" else kind.warp
-    equal = total(storage_factor(similar, WARPS[rule](similar, section), section))
-    old = WARPS["lispsm"](similar, section)
-    published = total(storage_factor(similar, old, section))
-    biggest = jump(parts, distance)
-    seams = point.holds[8 * k :]
     certificate = JointCertificate(
         residual=point.residual,
-        converged=converged,
         violation=point.violation,
-        seam_jump=biggest,
-        seam_limited=jnp.any(seams),
-        equal=equal,
-        published=published,
-        published_jump=jump(similar, old),
-        gain=published / storage,
+        seam_jump=jump(parts, distance),
+        seam_limited=jnp.any(point.holds[8 * k :]),
+        published_jump=jump(alike, WARPS["lispsm"](alike, section)),
         starts=_num_starts(kind),
     )
-    inner = view.near * jnp.exp(jnp.cumsum(log_ratios))
-    planes = jnp.concatenate([view.near[None], inner]).at[-1].set(view.far)
-    return JointSplits(planes, distance * planes[:-1], storage, certificate)
+    baselines = equal_ratios(view, k, kind.objective, rule, section)
+    value = Slices.between(view, log_ratios, distance)
+    # What no step lowers any more and is not stationary to the precision of the numbers.
+    result = ended(converged, optx.RESULTS.stagnation)
+    return Solution(value, storage, baselines, certificate, result, view, KIND)
 
 
-__all__ = ["JOINT_WARPS", "OBJECTIVES", "JointCertificate", "JointSplits", "joint_splits", "log_jumps", "log_storages"]
+__all__ = ["JOINT_WARPS", "JointCertificate", "JointSlices", "joint_splits"]

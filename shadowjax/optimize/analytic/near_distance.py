@@ -10,8 +10,9 @@ import jax.numpy as jnp
 
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require_choice
-from shadowjax._numerics import larger
+from shadowjax._numerics import larger, largest
 from shadowjax._types import Array, ArrayLike, Float
+from shadowjax.optimize.solution import Kind, Solution, ended, with_slices
 from shadowjax.theory.aliasing.error import error_pieces, max_error_x, max_error_z, storage_factor
 from shadowjax.theory.aliasing.light_frustum import SECTIONS, LightFrustum, Section
 from shadowjax.theory.aliasing.near_distances import generalised
@@ -21,126 +22,164 @@ from shadowjax.theory.aliasing.rounding import rounding_bound
 
 
 class Objective(NamedTuple):
-    """What an n' is to make least.
+    """What an n' is to make least; it must fall, then rise, along n', or do only one of both.
 
     Attributes:
-        value: The objective of a frustum, an n' and a section.
-        closed: The best n' in closed form.
+        value: The objective of an n', a frustum and a section; positive.
+        error: Name of the smooth functions whose largest it is, for `error_pieces`.
+        closed: The best n' in closed form, if there is one.
+        pieces: Smooth functions of n' and frustum whose largest is `value`, where `error` names none.
     """
 
-    value: Callable[[LightFrustum, Array, Section], Array]
-    closed: Callable[[LightFrustum, Section], Array]
+    value: Callable[[Array, LightFrustum, Section], Array]
+    error: str | None = None
+    closed: Callable[[LightFrustum, Section], Array] | None = None
+    pieces: Callable[[Array, LightFrustum], Array] | None = None
 
 
-def _larger(frustum: LightFrustum, near_distance: Array, section: Section) -> Array:
+Functions = Callable[[Array], Array]
+# n' and frustum → a positive number, or several smooth ones along a last axis, of which the largest counts.
+Rated = Callable[[Array, LightFrustum], Array]
+
+
+def _of_frustum(error: Callable[[LightFrustum, Array, Section], Array]) -> Callable[..., Array]:
+    return lambda near_distance, frustum, section: error(frustum, near_distance, section)
+
+
+def _larger(near_distance: Array, frustum: LightFrustum, section: Section) -> Array:
     return larger(max_error_x(frustum, near_distance, section), max_error_z(frustum, near_distance, section))
 
 
-OBJECTIVES: dict[str, Objective] = {
-    "z": Objective(max_error_z, minimax),
-    "storage": Objective(storage_factor, least_storage),
-    "both": Objective(_larger, lambda frustum, section: balanced(frustum, section=section)),
+# Each is an `Objective`, or a function of n' and frustum as users give it; one line each.
+OBJECTIVES: dict[str, Objective | Rated] = {
+    "z": Objective(_of_frustum(max_error_z), "z", minimax),
+    "storage": Objective(_of_frustum(storage_factor), "storage", least_storage),
+    "both": Objective(_larger, "both", lambda frustum, section: balanced(frustum, section=section)),
 }
 
 
+@checked
+def objective_of(objective: str | Rated) -> Objective:
+    """The objective of a name, or of a function of n' and frustum.
+
+    Raises:
+        ValueError: If the name is unknown.
+    """
+    found: Any = objective
+    if isinstance(objective, str):
+        found = OBJECTIVES[require_choice(objective, "objective", OBJECTIVES)]
+    if isinstance(found, Objective):
+        return found
+
+    def pieces(near_distance: Array, frustum: LightFrustum) -> Array:
+        return jnp.atleast_1d(jnp.asarray(found(near_distance, frustum), near_distance.dtype))
+
+    return Objective(lambda q, frustum, section: largest(pieces(q, frustum)), pieces=pieces)
+
+
 class Certificate(Checked):
-    """Why a near distance is optimal, as numbers a reader can check.
+    """Why a near distance is optimal, as numbers a reader can check; every array has the shape of the views.
 
     Attributes:
+        published: n' of the source's eq. 42 with 44.
         equioscillation: |ln| of the ratio of the z errors at near and far plane; 0 where both are largest.
-        slope_below: Derivative of ln(error) by ln(n') just below the optimum; not positive.
+        slope_below: Derivative of ln(objective) by ln(n') just below the optimum; not positive.
         slope_above: The same just above; not negative, unless the optimum is the uniform map.
         uniform: Whether nothing beats the uniform map, whose n' is ∞ and reported as a large number.
-        closed_form: n' of the closed form for the same objective.
+        closed_form: n' of the closed form for the same objective; None, as the next four, where there is none.
         difference: |n' − closed_form| over the larger of them, in [0, 1); 0 where both are the uniform map.
         equally_good: Whether the objective at both is the same to within `rounding` of each; then a difference only
             says that the optimum is flat: M_x over the whole section is constant at γ_lim.
         excess: Objective at the closed form over the objective found, less 1.
-        rounding: Bound on the relative rounding error of `error`, by running error analysis of its own sums and
+        rounding: Bound on the relative rounding error of the objective, by running error analysis of its own sums and
             products for the numbers given (`shadowjax.theory.aliasing.rounding`): sums that lose digits make it large.
     """
 
+    published: Float[Array, "..."]
     equioscillation: Float[Array, "..."]
     slope_below: Float[Array, "..."]
     slope_above: Float[Array, "..."]
     uniform: Array
-    closed_form: Float[Array, "..."]
-    difference: Float[Array, "..."]
-    equally_good: Array
-    excess: Float[Array, "..."]
-    rounding: Float[Array, "..."]
+    closed_form: Float[Array, "..."] | None = None
+    difference: Float[Array, "..."] | None = None
+    equally_good: Array | None = None
+    excess: Float[Array, "..."] | None = None
+    rounding: Float[Array, "..."] | None = None
 
 
-class NearDistance(Checked):
-    """The best n' of views and lights; every field has the shape that the views' numbers broadcast to.
+NearDistance = Solution[Float[Array, "*views"], Certificate]
 
-    Attributes:
-        near_distance: n', world units.
-        error: Value of the objective there.
-        published: n' of the source's eq. 42 with 44.
-        gain: Objective at the published n' over the objective here, ≥ 1.
-        certificate: Evidence that it is optimal.
-    """
-
-    near_distance: Float[Array, "..."]
-    error: Float[Array, "..."]
-    published: Float[Array, "..."]
-    gain: Float[Array, "..."]
-    certificate: Certificate
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain numbers, as `optimize near-distance` writes them."""
-        numbers = {name: _plain(getattr(self, name)) for name in ("near_distance", "error", "published", "gain")}
-        return {**numbers, "certificate": {name: _plain(value) for name, value in vars(self.certificate).items()}}
+KIND = Kind(
+    (
+        ("near_distance", "value"), ("error", "objective_value"), ("published", "certificate.published"),
+        ("gain", "gain"), ("certificate", "certificate"),
+    ),
+    technique=lambda found, resolution, options: with_slices(
+        jnp.stack([found.problem.near, found.problem.far]), found.value[None], resolution, options
+    ),
+)  # fmt: skip
 
 
-def _plain(value: Array) -> Any:
-    return value.tolist()
+def _logs(objective: Objective, frustum: LightFrustum, section: Section) -> tuple[Functions, Functions]:
+    """ln of the smooth functions whose largest is the objective, of ln n'; and slopes of each that are rounding."""
+    eps = float(jnp.finfo(frustum.near.dtype).eps)
+    if objective.error is not None:
+        known = error_pieces(frustum, objective.error, section)
+        return lambda x: known.logs(jnp.exp(x)), lambda x: 4 * eps * known.terms(jnp.exp(x))
+    pieces = objective.pieces or (lambda q, frustum: objective.value(q, frustum, section)[None])
+    logs = lambda x: jnp.log(pieces(jnp.exp(x), frustum))  # noqa: E731
+    # How many digits a function that is only given loses is not known.
+    return logs, lambda x: jnp.full_like(logs(x), 100 * eps)
+
+
+def _search(objective: Objective, frustum: LightFrustum, section: Section) -> Array:
+    logs, flat = _logs(objective, frustum, section)
+    low = jnp.log(frustum.near) - math.log(1e6)
+    high = jnp.log(frustum.uniform_near_distance)
+    return jnp.exp(least_largest(logs, low, high, flat))
 
 
 @checked
-def search(frustum: LightFrustum, objective: str = "z", section: Section = "axis") -> Float[Array, ""]:
+def search(frustum: LightFrustum, objective: str | Rated = "z", section: Section = "axis") -> Float[Array, ""]:
     """n' of one frustum by bisecting the sign of the objective's slope along ln n'; no closed form is used.
 
     Every objective here falls, then rises, along n', or only falls, towards the uniform map. The optimum carries its
     implicit derivative: at a smooth minimum from the slope, at a kink from the two pieces that meet there.
     """
-    pieces = error_pieces(frustum, objective, section)
-    rounding = 4 * float(jnp.finfo(frustum.near.dtype).eps)
-    low = jnp.log(frustum.near) - math.log(1e6)
-    high = jnp.log(frustum.uniform_near_distance)
-    found = least_largest(lambda x: pieces.logs(jnp.exp(x)), low, high, lambda x: rounding * pieces.terms(jnp.exp(x)))
-    return jnp.exp(found)
+    return _search(objective_of(objective), frustum, section)
 
 
 @checked
-def solve(frustum: LightFrustum, objective: str = "z", section: Section = "axis") -> NearDistance:
+def solve(frustum: LightFrustum, objective: str | Rated = "z", section: Section = "axis") -> NearDistance:
     """Search and certificate of one frustum; `jit` and `vmap` it for many."""
-    value, closed = OBJECTIVES[objective]
-    distance = search(frustum, objective, section)
-    best = value(frustum, distance, section)
-    published = generalised(frustum)
-    exact = closed(frustum, section)
+    asked = objective_of(objective)
+    distance = _search(asked, frustum, section)
+    value = lambda q: asked.value(q, frustum, section)  # noqa: E731
+    best, published, flat = value(distance), generalised(frustum), 1e-3 * frustum.uniform_near_distance
+    exact = None if asked.closed is None else asked.closed(frustum, section)
     # beyond this n' the objective differs from the uniform map's by less than rounding
-    flat = 1e-3 * frustum.uniform_near_distance
-    uniform = (distance > flat) & (exact > flat)
-    x = jnp.log(distance)
-    step = float(jnp.finfo(x.dtype).eps) ** 0.5 * jnp.ones_like(x)
-    pieces = error_pieces(frustum, objective, section)
-    largest = lambda x: jnp.max(pieces.logs(jnp.exp(x)))  # noqa: E731
-    slopes = [jax.jvp(largest, (x + side * step,), (jnp.ones_like(x),))[1] for side in (-1, 1)]
+    uniform = (distance > flat) if exact is None else (distance > flat) & (exact > flat)
+    x, eps = jnp.log(distance), float(jnp.finfo(distance.dtype).eps)
+    step = eps**0.5 * jnp.ones_like(x)
+    logs, _ = _logs(asked, frustum, section)
+    largest_log = lambda x: jnp.max(logs(x))  # noqa: E731
+    below, above = (jax.jvp(largest_log, (x + side * step,), (jnp.ones_like(x),))[1] for side in (-1, 1))
     along = error_pieces(frustum, "z", section).logs(distance)
-    unequal = jnp.abs(along[0] - along[1])
-    difference = jnp.where(uniform, jnp.zeros_like(x), jnp.abs(distance - exact) / jnp.maximum(distance, exact))
-    excess = value(frustum, exact, section) / best - 1
-    bound = rounding_bound(frustum, distance, objective, section)
-    alike = jnp.abs(excess) <= 2 * bound
-    certificate = Certificate(unequal, slopes[0], slopes[1], uniform, exact, difference, alike, excess, bound)
-    return NearDistance(distance, best, published, value(frustum, published, section) / best, certificate)
+    certificate = Certificate(published, jnp.abs(along[0] - along[1]), below, above, uniform)
+    if exact is not None and asked.error is not None:
+        difference = jnp.where(uniform, jnp.zeros_like(x), jnp.abs(distance - exact) / jnp.maximum(distance, exact))
+        excess, bound = value(exact) / best - 1, rounding_bound(frustum, distance, asked.error, section)
+        alike = jnp.abs(excess) <= 2 * bound
+        certificate = Certificate(
+            published, jnp.abs(along[0] - along[1]), below, above, uniform, exact, difference, alike, excess, bound
+        )
+    stands = (below <= 1e3 * step) & ((above >= -1e3 * step) | (distance > flat))
+    baselines = {"published": value(published), "uniform": value(frustum.uniform_near_distance)}
+    return Solution(distance, best, baselines, certificate, ended(jnp.isfinite(best) & stands), frustum, KIND)
 
 
 @eqx.filter_jit
-def _solve_all(frustum: LightFrustum, objective: str, section: Section) -> NearDistance:
+def _solve_all(frustum: LightFrustum, objective: str | Rated, section: Section) -> NearDistance:
     shape = jnp.broadcast_shapes(*(x.shape for x in jax.tree.leaves(frustum)))
     flat = jax.tree.map(lambda x: jnp.broadcast_to(x, shape).reshape(-1), frustum)
     found = jax.vmap(lambda one: solve(one, objective, section))(flat)
@@ -154,12 +193,12 @@ def near_distance(
     phi: ArrayLike,
     gamma: ArrayLike,
     section: str = "axis",
-    objective: str = "z",
+    objective: str | Rated = "z",
 ) -> NearDistance:
     """The best n' of a perspective warp for one or many views and lights.
 
-    The four numbers of a view broadcast against each other, and every result has their shape. n' and its error carry
-    their implicit derivative by all four, under `jit` and `vmap`, forward and reverse.
+    The four numbers of a view broadcast against each other, and every result has their shape. n' and its objective
+    carry their implicit derivative by all four, under `jit` and `vmap`, forward and reverse.
 
     Args:
         near: Depth n of the near plane, world units, > 0.
@@ -167,7 +206,13 @@ def near_distance(
         phi: Half the vertical angle of view, radians, in (0, π/2).
         gamma: Angle between light and view directions, radians, in [0, π/2].
         section: "axis", the view axis only, or "whole", the whole vertical section.
-        objective: "z" for least M_z, "storage" for least M_x·M_z, "both" for least max(M_x, M_z).
+        objective: "z" for least M_z, "storage" for least M_x·M_z, "both" for least max(M_x, M_z); or a function of n'
+            and the `LightFrustum` of one view that gives a positive number, or several smooth ones in a row whose
+            largest counts. Along n' it must fall, then rise, or do only one of both.
+
+    Returns:
+        `value` n', world units; `objective_value`; `baselines` "published", the source's eq. 42 with 44, and "uniform";
+        all in the shape of the views. Its technique is one perspective map from near to far.
 
     Raises:
         ValueError: If a number is out of range or a name is unknown.
@@ -175,8 +220,19 @@ def near_distance(
     Source: warping, eq. 37–42; the optima below γ_lim and over the whole section are derived here.
     """
     checked: Section = require_choice(section, "section", SECTIONS)
-    require_choice(objective, "objective", OBJECTIVES)
+    objective_of(objective)
     return _solve_all(LightFrustum.create(near, far, phi, gamma), objective, checked)
 
 
-__all__ = ["OBJECTIVES", "Certificate", "NearDistance", "near_distance", "search", "solve"]
+__all__ = [
+    "KIND",
+    "OBJECTIVES",
+    "Certificate",
+    "NearDistance",
+    "Objective",
+    "Rated",
+    "near_distance",
+    "objective_of",
+    "search",
+    "solve",
+]

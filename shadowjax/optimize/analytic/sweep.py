@@ -1,5 +1,7 @@
 """Sweeps over γ × f/n × φ × k in one program, spread over all devices."""
 
+from typing import Any, NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,6 +11,8 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice, require_value
 from shadowjax._types import Array, ArrayLike, Float, as_float_array
+from shadowjax.optimize.solution import Kind, Solution, ended, with_slices
+from shadowjax.techniques.shadow_mapping import ShadowMapping
 from shadowjax.theory.aliasing.error import max_error_x, max_error_z, storage_factor
 from shadowjax.theory.aliasing.light_frustum import SECTIONS, LightFrustum, Section
 from shadowjax.theory.aliasing.near_distances import generalised
@@ -16,61 +20,81 @@ from shadowjax.theory.aliasing.optimal import balanced, least_storage, minimax
 
 
 class Sweep(Checked):
-    """Errors and storage at every combination; all arrays have the shape (γ, f/n, φ, k).
+    """Other n' and what they need at every combination; all arrays have the shape (γ, f/n, φ, k).
 
     Attributes:
-        minimax: n' of least M_z, in units of the first slice's near distance.
-        least_storage: n' of least M_x·M_z.
+        least_storage: n' of least M_x·M_z, in units of the first slice's near distance.
         balanced: n' of least max(M_x, M_z).
         published: n' of eq. 42 with 44.
         max_error_x: M_x of the minimax n'.
-        max_error_z: M_z of the minimax n'.
-        loss: M_z of the published n' over that of the minimax one, ≥ 1.
         storage_minimax: Σ S of k equal ratios with the minimax n'.
         storage_least: The same with the n' of least storage.
         storage_published: The same with the published n'.
         storage_uniform: The same with uniform maps.
     """
 
-    minimax: Float[Array, "..."]
     least_storage: Float[Array, "..."]
     balanced: Float[Array, "..."]
     published: Float[Array, "..."]
     max_error_x: Float[Array, "..."]
-    max_error_z: Float[Array, "..."]
-    loss: Float[Array, "..."]
     storage_minimax: Float[Array, "..."]
     storage_least: Float[Array, "..."]
     storage_published: Float[Array, "..."]
     storage_uniform: Float[Array, "..."]
 
 
-def _one(gamma: Array, ratio: Array, phi: Array, k: Array, section: Section) -> Sweep:
+class _Point(NamedTuple):
+    """What a combination is of: the first slice, and how many follow."""
+
+    slice: LightFrustum
+    num_slices: Array
+
+
+def _frozen(found: Any, resolution: int, options: dict[str, Any]) -> ShadowMapping:
+    """Equal ratios from depth 1 on."""
+    point: _Point = found.problem
+    k = round(float(point.num_slices))
+    require(k == float(point.num_slices), f"{float(point.num_slices):g} slices make no technique; take a whole number")
+    cuts = point.slice.far ** jnp.arange(k + 1, dtype=found.value.dtype)
+    return with_slices(cuts, found.value * cuts[:-1], resolution, options)
+
+
+KIND = Kind(
+    (
+        ("near_distance", "value"), ("error", "objective_value"), ("baselines", "baselines"), ("gain", "gain"),
+        ("certificate", "certificate"), ("result", "text"),
+    ),
+    technique=_frozen,
+)  # fmt: skip
+
+
+def _one(gamma: Array, ratio: Array, phi: Array, k: Array, section: Section) -> Solution[Array, Sweep]:
     """One combination: its k slices are similar, so one of them stands for all."""
     part = LightFrustum(jnp.ones_like(ratio), ratio ** (1 / k), phi, phi, gamma)
     best, small, old = minimax(part, section), least_storage(part, section), generalised(part)
-    error = max_error_z(part, best, section)
+    error, even = max_error_z(part, best, section), part.uniform_near_distance
 
     def total(distance: Array) -> Array:
         return k * storage_factor(part, distance, section)
 
-    return Sweep(
-        best, small, balanced(part, section=section), old, max_error_x(part, best, section), error,
-        max_error_z(part, old, section) / error, total(best), total(small), total(old),
-        total(part.uniform_near_distance),
+    beside = Sweep(
+        small, balanced(part, section=section), old, max_error_x(part, best, section), total(best), total(small),
+        total(old), total(even),
     )  # fmt: skip
+    baselines = {"published": max_error_z(part, old, section), "uniform": max_error_z(part, even, section)}
+    return Solution(best, error, baselines, beside, ended(jnp.isfinite(error)), _Point(part, k), KIND)
 
 
 @eqx.filter_jit
-def _all(points: Float[Array, "points 4"], section: Section) -> Sweep:
+def _all(points: Float[Array, "points 4"], section: Section) -> Solution[Array, Sweep]:
     return jax.vmap(lambda p: _one(p[0], p[1], p[2], p[3], section))(points)
 
 
 @checked
 def sweep(
     gammas: ArrayLike, ratios: ArrayLike, phis: ArrayLike, num_partitions: ArrayLike, section: str = "axis"
-) -> Sweep:
-    """Every combination of the four lists in one `vmap`, sharded over all devices.
+) -> Solution[Array, Sweep]:
+    """The n' of least M_z for every combination of four lists in one `vmap`, sharded over all devices.
 
     Combinations are laid out in a row, padded to a multiple of the number of devices and split between them; each
     device computes its part alone. The result is the same for any number of devices.
@@ -81,6 +105,10 @@ def sweep(
         phis: Half angles of view, radians, in (0, π/2).
         num_partitions: Numbers k ≥ 1 of slices of equal ratio; need not be whole.
         section: "axis" or "whole" vertical section, over which errors are taken.
+
+    Returns:
+        `value` n' in units of the first slice's near distance; `objective_value` M_z; `baselines` "published" and
+        "uniform"; all of shape (γ, f/n, φ, k). The technique of a point has k slices from depth 1 on.
 
     Raises:
         ValueError: If a list is empty or a number is out of range.

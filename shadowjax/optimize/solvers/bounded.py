@@ -1,27 +1,29 @@
 """Smooth losses lowered within bounds from several starts, with a report of what happened."""
 
 from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 from scipy.optimize import minimize
 
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int, require_untraced
 from shadowjax._types import ArrayLike
+from shadowjax.optimize.solution import Kind, Solution
 
 ValueAndSlope = Callable[[np.ndarray], tuple[ArrayLike, ArrayLike]]
 
 
-class BoundedMinimum(Checked):
-    """The best of several searches, and how each of them ended.
+class SearchCertificate(Checked):
+    """How the best of several searches ended, and the others.
 
     Attributes:
-        parameters: The best found.
-        loss: The loss there.
-        slope: Largest slope there, among parameters that are free to move along it.
+        slope: Largest slope at the end, among parameters that are free to move along it.
         at_bound: Which parameters lie on a bound.
         history: Parameters after every step from the best start, the start first.
-        converged: Whether the best search came to a point without a way down.
         reason: Why it ended.
         starts: All starts.
         ends: Parameters found from each.
@@ -29,21 +31,27 @@ class BoundedMinimum(Checked):
         reasons: Why each ended.
     """
 
-    parameters: np.ndarray
-    loss: float
     slope: float
     at_bound: np.ndarray
     history: np.ndarray
-    converged: bool
-    reason: str
+    reason: str = eqx.field(static=True)
     starts: np.ndarray
     ends: np.ndarray
     losses: np.ndarray
-    reasons: tuple[str, ...]
+    reasons: tuple[str, ...] = eqx.field(static=True)
 
     def reached(self, within: float) -> int:
         """How many starts found a loss of at most the best plus `within`."""
-        return int((self.losses <= self.loss + within).sum())
+        return int((self.losses <= self.losses.min() + within).sum())
+
+
+KIND = Kind(
+    (
+        ("parameters", "value"), ("loss", "objective_value"), ("baselines", "baselines"),
+        ("certificate", "certificate"), ("result", "text"),
+    ),
+    rival="start",
+)  # fmt: skip
 
 
 @checked
@@ -54,8 +62,8 @@ def minimise_multistart(
     upper: ArrayLike,
     max_steps: int = 60,
     tolerance: float = 1e-6,
-) -> BoundedMinimum:
-    """Limited-memory BFGS within bounds, from every start.
+) -> Solution[np.ndarray, SearchCertificate]:
+    """The parameters of least loss: limited-memory BFGS within bounds, from every start.
 
     All starts are used: multimodality shows in how many of them reach the best loss.
 
@@ -67,6 +75,10 @@ def minimise_multistart(
         max_steps: Most steps from each start, ≥ 1.
         tolerance: Largest slope that counts as none, > 0. A search whose loss falls by less than a thousandth of it,
             relatively, ends too; it has converged if its slope is less than the root of it then.
+
+    Returns:
+        `value` the parameters; `objective_value` the loss; `baselines` "start", the least loss of a start. Not
+        converged means that steps ran out, or that the search ended on a kink; `certificate.reason` says which.
 
     Raises:
         ValueError: If there is no start, shapes differ, bounds are crossed, or a number is not finite.
@@ -84,19 +96,33 @@ def minimise_multistart(
         require(start.shape == low.shape, f"a start must have the bounds' shape {low.shape}; got {start.shape}")
         require(bool(np.isfinite(start).all()), f"a start must hold finite numbers; got {start}")
         searches.append(_search(value_and_slope, np.clip(start, low, high), low, high, max_steps, tolerance))
-    losses = np.array([search[1] for search in searches])
+    losses = np.array([one.loss for one in searches])
     best = int(np.argmin(losses))
-    parameters, loss, slope, history, reason, converged = searches[best]
-    return BoundedMinimum(
-        parameters, loss, slope, (parameters <= low) | (parameters >= high), history, converged, reason,
-        np.stack(begun), np.stack([search[0] for search in searches]), losses, tuple(search[4] for search in searches),
-    )  # fmt: skip
+    found = searches[best]
+    reasons, ends = tuple(one.reason for one in searches), np.stack([one.end for one in searches])
+    at_bound = (found.end <= low) | (found.end >= high)
+    certificate = SearchCertificate(
+        found.slope, at_bound, found.history, found.reason, np.stack(begun), ends, losses, reasons
+    )
+    before = {"start": jnp.asarray(min(one.first for one in searches))}
+    return Solution(found.end, jnp.asarray(found.loss), before, certificate, found.result, None, KIND)
+
+
+class _Search(NamedTuple):
+    """Where a search ended, loss and largest free slope there, the way, why it ended, and the loss at its start."""
+
+    end: np.ndarray
+    loss: float
+    slope: float
+    history: np.ndarray
+    reason: str
+    result: Any
+    first: float
 
 
 def _search(
     function: ValueAndSlope, start: np.ndarray, low: np.ndarray, high: np.ndarray, max_steps: int, tolerance: float
-) -> tuple[np.ndarray, float, float, np.ndarray, str, bool]:
-    """Where it ends, loss and largest free slope there, the way, why it ended, and whether it has converged."""
+) -> _Search:
     history = [start]
 
     def both(x: np.ndarray) -> tuple[float, np.ndarray]:
@@ -113,15 +139,16 @@ def _search(
     end, gradient = np.asarray(found.x), np.asarray(found.jac)
     blocked = ((end <= low) & (gradient > 0)) | ((end >= high) & (gradient < 0)) | (low == high)
     left = float(np.abs(np.where(blocked, 0, gradient)).max(initial=0))
-    converged = left <= tolerance**0.5
-    if converged:
-        reason = "nothing is lower nearby: a minimum, perhaps a local one"
-    elif found.status == 1:
+    result = optx.RESULTS.successful
+    reason = "nothing is lower nearby: a minimum, perhaps a local one"
+    if left > tolerance**0.5 and found.status == 1:
+        result = optx.RESULTS.nonlinear_max_steps_reached
         reason = f"no end after {max_steps} steps; raise max_steps"
-    else:
+    elif left > tolerance**0.5:
         # Slopes that jump mislead a line search: it ends on the kink.
+        result = optx.RESULTS.stagnation
         reason = f"a slope of {left:.2g} is left but no step is much lower: a kink, perhaps a minimum"
-    return end, float(found.fun), left, np.stack(history), reason, converged
+    return _Search(end, float(found.fun), left, np.stack(history), reason, result, first)
 
 
-__all__ = ["BoundedMinimum", "ValueAndSlope", "minimise_multistart"]
+__all__ = ["KIND", "SearchCertificate", "ValueAndSlope", "minimise_multistart"]

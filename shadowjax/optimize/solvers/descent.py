@@ -4,11 +4,15 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int, require_untraced
 from shadowjax._types import Float, Int
+from shadowjax.optimize.solution import Kind, Solution
 
 # Memory of slopes and of their squares; and the part of the first loss that a settled search may still lose.
 MEAN, SQUARE, SETTLED = 0.8, 0.95, 0.05
@@ -16,30 +20,31 @@ MEAN, SQUARE, SETTLED = 0.8, 0.95, 0.05
 ValueAndSlope = Callable[[np.ndarray], tuple[float, Any, np.ndarray]]
 
 
-class Descent(Checked):
-    """A descent, and whether it came to an end.
+class DescentCertificate(Checked):
+    """A descent, step by step.
 
     Attributes:
         losses: Of every step, and after the last.
         vertices: Of every step, and after the last; (steps + 1) × vertices × 3.
-        others: What the function gave next to loss and slope, of every step and after the last.
+        others: What the function gave beside loss and slope, of every step and after the last.
         finite: Whether all losses and slopes were finite; the descent stops at the first that is not.
-        converged: Whether the loss is as small as asked for, or the last tenth of the steps hardly changed it,
-            were they as long as the first.
         reason: Why it ended.
     """
 
     losses: np.ndarray
     vertices: np.ndarray
     others: tuple[Any, ...]
-    finite: bool
-    converged: bool
-    reason: str
+    finite: bool = eqx.field(static=True)
+    reason: str = eqx.field(static=True)
 
-    @property
-    def fall(self) -> float:
-        """First loss over the last; a loss of 0 counts as the smallest number."""
-        return float(self.losses[0] / max(self.losses[-1], np.finfo(np.float64).tiny))
+
+KIND = Kind(
+    (
+        ("vertices", "value"), ("loss", "objective_value"), ("baselines", "baselines"), ("gain", "gain"),
+        ("losses", "certificate.losses"), ("reason", "certificate.reason"), ("result", "text"),
+    ),
+    rival="start",
+)  # fmt: skip
 
 
 @checked
@@ -71,7 +76,7 @@ def descend(
     num_steps: int,
     rate: float,
     target: float = 0.0,
-) -> Descent:
+) -> Solution[np.ndarray, DescentCertificate]:
     """Adam with one scale for all numbers, on displacements that are spread over the mesh.
 
     One scale keeps small slopes small: vertices that no shadow's edge depends on move with their neighbours only.
@@ -85,6 +90,11 @@ def descend(
         rate: Length of a first step before it is spread, world units, > 0.
         target: Loss that ends the descent, ≥ 0.
 
+    Returns:
+        `value` the vertices after the last step; `objective_value` the loss there; `baselines` "start". Converged means
+        that the loss is as small as asked for, or that the last tenth of the steps hardly changed it, were they as long
+        as the first; a loss or slope that is not finite ends the descent (`RESULTS.nonfinite`).
+
     Raises:
         ValueError: If a number is out of range, or the start is not finite.
     """
@@ -94,23 +104,23 @@ def descend(
     require(target >= 0, f"target must not be negative; got {target}")
     require(bool(np.isfinite(start).all()), "the start must be finite; some vertices are NaN or infinite")
     moved, mean, square = (np.zeros_like(start) for _ in range(3))
-    losses, places, others, reason, finite, converged = [], [], [], "", True, False
+    losses, places, others, reason, result = [], [], [], "", optx.RESULTS.successful
     for step in range(num_steps + 1):
         vertices = start + spread @ moved
         loss, other, slope = value_and_slope(vertices)
         losses.append(float(loss))
         places.append(vertices)
         others.append(other)
-        finite = bool(np.isfinite(loss) and np.isfinite(slope).all())
-        if not finite:
-            reason = f"loss or slope is not finite at step {step}"
+        if not (np.isfinite(loss) and np.isfinite(slope).all()):
+            reason, result = f"loss or slope is not finite at step {step}", optx.RESULTS.nonfinite
             break
         if loss <= target:
-            reason, converged = "the loss is as small as asked for", True
+            reason = "the loss is as small as asked for"
             break
         downhill = spread.T @ slope
         if not downhill.any():
             reason = "the loss has no slope: no vertex makes an edge of a shadow that matters; start elsewhere"
+            result = optx.RESULTS.stagnation
             break
         mean = MEAN * mean + (1 - MEAN) * downhill
         square = SQUARE * square + (1 - SQUARE) * downhill**2
@@ -121,13 +131,15 @@ def descend(
         last = max(1, num_steps // 10)
         shares = sum(_share(step, num_steps) for step in range(num_steps - last, num_steps)) / last
         left = (losses[-1 - last] - losses[-1]) / losses[0] / shares
-        converged = abs(left) < SETTLED
         reason = (
             f"{num_steps} steps are done; the last {last} lowered the loss by {left:.1%} of the first, for full rate"
         )
-        if not converged:
-            reason += ": raise num_steps"
-    return Descent(np.array(losses), np.stack(places), tuple(others), finite, converged, reason)
+        if abs(left) >= SETTLED:
+            reason, result = f"{reason}: raise num_steps", optx.RESULTS.nonlinear_max_steps_reached
+    finite = bool(result != optx.RESULTS.nonfinite)
+    certificate = DescentCertificate(np.array(losses), np.stack(places), tuple(others), finite, reason)
+    start_loss, loss = (jnp.asarray(losses[i], float) for i in (0, -1))
+    return Solution(places[-1], loss, {"start": start_loss}, certificate, result, None, KIND)
 
 
 def _share(step: int, num_steps: int) -> float:
@@ -135,4 +147,4 @@ def _share(step: int, num_steps: int) -> float:
     return 0.55 + 0.45 * math.cos(math.pi * step / num_steps)
 
 
-__all__ = ["Descent", "ValueAndSlope", "descend", "diffuser"]
+__all__ = ["KIND", "DescentCertificate", "ValueAndSlope", "descend", "diffuser"]

@@ -1,15 +1,18 @@
 """Parameters recovered from a picture: damped least squares from several starts, with a report of what happened."""
 
 from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int, require_untraced
 from shadowjax._types import Array, ArrayLike, Float
+from shadowjax.optimize.solution import Kind, Solution
 
 # Damping, as a part of each parameter's own curvature: at first, and how it changes.
 DAMPING, LOWER, RAISE, STUCK = 1e-2, 0.2, 6.0, 1e10
@@ -17,28 +20,31 @@ DAMPING, LOWER, RAISE, STUCK = 1e-2, 0.2, 6.0, 1e10
 Residual = Callable[[Float[Array, "parameters"]], Float[Array, "residuals"]]
 
 
-class Recovered(Checked):
-    """What a search found, and whether it is an end.
+class RecoveryCertificate(Checked):
+    """What a search found on its way, and why it ended.
 
     Attributes:
-        parameters: The best found.
-        loss: Half the sum of squared residuals there.
         history: Parameters after every accepted step from the best start, the start first.
         losses: Their losses.
-        converged: Whether the search came to a point where the loss is small enough or its slope vanishes.
         solved: Whether the loss is at most the one asked for.
         reason: Why the search from the best start ended.
         tried: Number of starts that were used.
     """
 
-    parameters: np.ndarray
-    loss: float
     history: np.ndarray
     losses: np.ndarray
-    converged: bool
-    solved: bool
-    reason: str
-    tried: int
+    solved: bool = eqx.field(static=True)
+    reason: str = eqx.field(static=True)
+    tried: int = eqx.field(static=True)
+
+
+KIND = Kind(
+    (
+        ("parameters", "value"), ("loss", "objective_value"), ("baselines", "baselines"), ("gain", "gain"),
+        ("certificate", "certificate"), ("result", "text"),
+    ),
+    rival="start",
+)  # fmt: skip
 
 
 @checked
@@ -60,7 +66,7 @@ def recover(
     target: float = 0.0,
     max_steps: int = 60,
     tolerance: float = 1e-10,
-) -> Recovered:
+) -> Solution[np.ndarray, RecoveryCertificate]:
     """Least squares by Levenberg and Marquardt from one start after another, until one reaches `target`.
 
     A picture of a shadow has many minima: where shadows do not overlap, nothing says which way to go. Blur the
@@ -74,8 +80,9 @@ def recover(
         tolerance: Relative size of a step or of the loss's fall that counts as none, > 0.
 
     Returns:
-        The best of all starts. `converged` is false if steps ran out, or if no parameter has any influence; `reason`
-        says which.
+        Of the best start, `value` the parameters; `objective_value` the loss, half the sum of squared residuals;
+        `baselines` "start". Not converged means that steps ran out, or that no parameter has any influence;
+        `certificate.reason` says which.
 
     Raises:
         ValueError: If there is no start, or a start is not a vector of finite numbers.
@@ -91,30 +98,44 @@ def recover(
         require(bool(jnp.all(jnp.isfinite(first))), f"a start must hold finite numbers; got {first}")
         tried += 1
         found = _descend(residual, first, target, max_steps, tolerance)
-        if best is None or found.loss < best.loss:
+        if best is None or found.losses[-1] < best.losses[-1]:
             best = found
-        if best.solved:
+        if best.losses[-1] <= target:
             break
     require(best is not None, "starts must hold at least one vector")
     assert best is not None
-    return eqx.tree_at(lambda x: x.tried, best, tried)
+    losses = np.array(best.losses)
+    certificate = RecoveryCertificate(np.stack(best.history), losses, bool(losses[-1] <= target), best.reason, tried)
+    before = {"start": jnp.asarray(losses[0])}
+    return Solution(best.history[-1], jnp.asarray(losses[-1]), before, certificate, best.result, None, KIND)
 
 
-def _descend(residual: Residual, start: Array, target: float, max_steps: int, tolerance: float) -> Recovered:
+class _Way(NamedTuple):
+    """Parameters and losses from one start on, and why no more followed."""
+
+    history: list[np.ndarray]
+    losses: list[float]
+    reason: str
+    result: Any
+
+
+def _descend(residual: Residual, start: Array, target: float, max_steps: int, tolerance: float) -> _Way:
     """From one start."""
     at, damping = start, DAMPING
     rest, slopes, loss = _evaluate(residual, at)
     require(bool(np.isfinite(loss)), f"residuals at the start {start} are not finite")
     history, losses = [np.asarray(at)], [loss]
-    reason, converged = f"no end after {max_steps} steps; raise max_steps", False
+    reason, result = f"no end after {max_steps} steps; raise max_steps", optx.RESULTS.nonlinear_max_steps_reached
+    good = optx.RESULTS.successful
     for _ in range(max_steps):
         gradient, curvature = slopes.T @ rest, slopes.T @ slopes
         scale = np.diag(curvature)
         if loss <= target:
-            reason, converged = "the loss is as small as asked for", True
+            reason, result = "the loss is as small as asked for", good
             break
         if not scale.any():
             reason = "no parameter changes the residuals here; start elsewhere, or blur"
+            result = optx.RESULTS.stagnation
             break
         # A parameter without influence stays where it is.
         damped = curvature + damping * np.diag(np.maximum(scale, 1e-9 * scale.max()))
@@ -128,17 +149,16 @@ def _descend(residual: Residual, start: Array, target: float, max_steps: int, to
             losses.append(loss)
             damping *= LOWER
             if fall < tolerance or np.linalg.norm(step) < tolerance * (1 + np.linalg.norm(np.asarray(at))):
-                reason, converged = "steps no longer lower the loss: a minimum, perhaps a local one", True
+                reason, result = "steps no longer lower the loss: a minimum, perhaps a local one", good
                 break
         else:
             damping *= RAISE
             if damping > STUCK:
-                reason, converged = "no step lowers the loss: a minimum, perhaps a local one", True
+                reason, result = "no step lowers the loss: a minimum, perhaps a local one", good
                 break
-    solved = loss <= target
-    if solved:
-        reason, converged = "the loss is as small as asked for", True
-    return Recovered(np.asarray(at), loss, np.stack(history), np.array(losses), converged, solved, reason, 1)
+    if loss <= target:
+        reason, result = "the loss is as small as asked for", good
+    return _Way(history, losses, reason, result)
 
 
 def _evaluate(residual: Residual, parameters: Array) -> tuple[np.ndarray, np.ndarray, float]:
@@ -148,4 +168,4 @@ def _evaluate(residual: Residual, parameters: Array) -> tuple[np.ndarray, np.nda
     return rest, slopes, 0.5 * float(rest @ rest) if finite else float("inf")
 
 
-__all__ = ["Recovered", "Residual", "linearized", "recover"]
+__all__ = ["KIND", "RecoveryCertificate", "Residual", "linearized", "recover"]

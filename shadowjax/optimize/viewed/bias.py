@@ -1,62 +1,59 @@
 """The bias of least error over a scene: every kind by search, next to the default that theory gives."""
 
-from dataclasses import asdict, dataclass
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from shadowjax._checked import checked
-from shadowjax._checks import require, require_choice, require_int, require_untraced, warn
-from shadowjax._types import Array, Float
+from shadowjax._checked import Checked, checked
+from shadowjax._checks import require_choice, require_int, require_untraced, warn
+from shadowjax._types import Array, Float, Scalar
 from shadowjax.bias.kinds import NormalOffset
 from shadowjax.bias.rule import Bias, BiasRule
 from shadowjax.evaluate.acne import needed_bias
 from shadowjax.evaluate.slope_limit import SlopeLimit, slope_limit, told
 from shadowjax.filters.base import Filter
-from shadowjax.optimize.viewed.views import Viewed, error_of
+from shadowjax.optimize.solution import Kind, Solution, ended, with_maps
+from shadowjax.optimize.viewed.views import Viewed, Views, as_views, error_of
 from shadowjax.techniques.shadow_mapping import MappedShadows
 
 UNITS = ("world", "texel", "slope", "normal")
 ROUNDS = 3  # of the grid: each looks closer round the best value of the one before
 
 
-@checked
-@dataclass(frozen=True)
-class BestBias:
-    """The bias of least error, and what it is compared with.
+class BiasCertificate(Checked):
+    """What was measured beside the bias of least error.
 
     Attributes:
         unit: "world", "texel", "slope", or "normal" for a normal offset in texels times the sine of incidence.
-        value: The best value found, in that unit.
-        error: Root mean squared error over all scenes there.
-        default_error: That of the default: the smallest slope-scaled bias that removes shadow acne on planes.
-        default_slope: The default, texels of slope.
-        no_bias_error: That of no bias at all.
+        default_slope: The default, the least slope bias that frees planes of acne, texels of slope.
         needed_slope: Slope bias that 99 % of the lit receivers need, measured, the largest over the scenes.
-        gain: default_error / error.
-        values: Values tried, rising.
+        values: Values tried, rising, in the unit.
         errors: Error at each.
         slope_limit: Acne that the default's limit leaves where light grazes, the most over the scenes; None for none.
     """
 
-    unit: str
-    value: float
-    error: float
-    default_error: float
-    default_slope: float
-    no_bias_error: float
-    needed_slope: float
-    gain: float
-    values: tuple[float, ...]
-    errors: tuple[float, ...]
-    slope_limit: SlopeLimit | None = None
+    unit: str = eqx.field(static=True)
+    default_slope: Scalar
+    needed_slope: Scalar
+    values: Float[Array, "tried"]
+    errors: Float[Array, "tried"]
+    slope_limit: SlopeLimit | None = eqx.field(static=True, default=None)
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain numbers, as `optimize bias` writes them."""
-        return {**asdict(self), "values": list(self.values), "errors": list(self.errors)}
+
+KIND = Kind(
+    (
+        ("unit", "certificate.unit"), ("value", "value.value"), ("error", "objective_value"),
+        ("default_error", "baselines.default"), ("default_slope", "certificate.default_slope"),
+        ("no_bias_error", "baselines.none"), ("needed_slope", "certificate.needed_slope"), ("gain", "gain"),
+        ("values", "certificate.values"), ("errors", "certificate.errors"),
+        ("slope_limit", "certificate.slope_limit"), ("result", "text"),
+    ),
+    rival="default",
+    technique=lambda found, resolution, options: with_maps(
+        resolution, options, filter=found.problem, bias=found.value
+    ),
+)  # fmt: skip
 
 
 @checked
@@ -77,17 +74,24 @@ def _errors(shadows: MappedShadows, viewed: Viewed, unit: str, values: Float[Arr
 
 
 @checked
-def best_bias(views: tuple[Viewed, ...], filter_: Filter, unit: str = "slope", num_values: int = 17) -> BestBias:
+def bias(
+    views: Views, filter_: Filter, unit: str = "slope", num_values: int = 17
+) -> Solution[BiasRule, BiasCertificate]:
     """Search the bias of least error over scenes.
 
     Errors of depth tests are steps in the bias and have no gradient, so values are tried: a grid, then twice a finer
     one round its best.
 
     Args:
-        views: From `view_scene`; errors are root mean squares over all of them.
+        views: Scenes, their names, or from `view_scene`; errors are root mean squares over all of them.
         filter_: Reads the maps.
         unit: "world", "texel", "slope" or "normal".
         num_values: Values in each round, ≥ 5.
+
+    Returns:
+        `value` the rule, a `Bias` or a `NormalOffset`, that `ShadowMapping` takes; `objective_value` the error;
+        `baselines` "default", the least slope bias that frees planes of acne, against which the gain counts, and
+        "none". Its technique is one uniform map with this filter and bias.
 
     Raises:
         ValueError: If the unit is unknown.
@@ -95,10 +99,10 @@ def best_bias(views: tuple[Viewed, ...], filter_: Filter, unit: str = "slope", n
     Warns:
         SceneWarning: Where the limit of the default slope bias leaves acne, with the remedy.
     """
-    require_untraced("best_bias", views, filter_)
+    require_untraced("bias", views, filter_)
     require_choice(unit, "bias unit", UNITS)
     require_int(num_values, "the number of values", 5)
-    require(len(views) > 0, "give at least one scene")
+    views = as_views(views)
     built = [view.read(filter_) for view in views]
 
     def errors(values: np.ndarray, kind: str = unit) -> np.ndarray:
@@ -126,10 +130,16 @@ def best_bias(views: tuple[Viewed, ...], filter_: Filter, unit: str = "slope", n
     if said is not None:
         warn(said)
     worst = max((one for _, one in limits if one is not None), key=lambda one: one.acne, default=None)
-    return BestBias(
-        unit, value, tried[value], default, float(filter_.bias_reach), tried[0.0], _needed(views, filter_),
-        default / max(tried[value], 1e-12), tuple(ordered), tuple(tried[v] for v in ordered), worst,
+    dtype = views[0].exact.dtype
+    number = lambda x: jnp.asarray(x, dtype)  # noqa: E731
+    certificate = BiasCertificate(
+        unit, number(filter_.bias_reach), number(_needed(views, filter_)), number(ordered),
+        number([tried[v] for v in ordered]), worst,
     )  # fmt: skip
+    baselines = {"default": number(default), "none": number(tried[0.0])}
+    error = number(tried[value])
+    rule = rule_of(unit, number(value))
+    return Solution(rule, error, baselines, certificate, ended(jnp.isfinite(error)), filter_, KIND)
 
 
 def _largest(views: tuple[Viewed, ...], filter_: Filter, unit: str) -> float:
@@ -153,4 +163,4 @@ def _needed(views: tuple[Viewed, ...], filter_: Filter) -> float:
     )
 
 
-__all__ = ["UNITS", "BestBias", "best_bias", "rule_of"]
+__all__ = ["UNITS", "BiasCertificate", "bias", "rule_of"]

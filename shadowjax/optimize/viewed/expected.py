@@ -20,8 +20,7 @@ from shadowjax.evaluate.compare import View, reference_view
 from shadowjax.filters.hard import Hard
 from shadowjax.filters.offset_pcf import OffsetPercentageCloser
 from shadowjax.geometry.camera import Camera
-from shadowjax.geometry.light import DirectionalLight, Light
-from shadowjax.geometry.light_space import LightSpace
+from shadowjax.geometry.light import DirectionalLight
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.transforms import any_perpendicular
 from shadowjax.maps.sampling import is_outside, texel_index
@@ -36,9 +35,7 @@ from shadowjax.techniques.base import Shadows
 from shadowjax.techniques.exact import Exact
 from shadowjax.techniques.shadow_mapping import ShadowMapping
 from shadowjax.theory.aliasing.near_distances import generalised
-from shadowjax.warps.base import WarpFit
-from shadowjax.warps.fit import PerspectiveFit, corners, light_frustum, padded, view_axis, visible_range
-from shadowjax.warps.perspective import PerspectiveWarp
+from shadowjax.warps.fit import PerspectiveFit, light_frustum, visible_range
 
 SUN_RAYS = 12  # directions that stand for the sun's disc
 # Places of the bilinear taps for a kernel of width 1.
@@ -68,31 +65,9 @@ class Settings(Checked):
         caster = default_caster() if caster is None else caster
         # The bias is given, so how far taps reach need not be known before compilation.
         taps = OffsetPercentageCloser(self.width * jnp.asarray(PATTERN, self.width.dtype), 1.0)
-        return ShadowMapping(taps, resolution, SingleMap(BentFit(self.bend)), caster, Bias(self.bias, "slope"))
-
-
-class BentFit(WarpFit):
-    """A perspective warp around what a camera sees, of a given bend; for directional lights.
-
-    Attributes:
-        bend: W/(n' + W) in [0, 1).
-    """
-
-    bend: Scalar
-
-    def fit(self, space: LightSpace, light: Light, mesh: Mesh, camera: Camera) -> PerspectiveWarp:
-        """The warp around the visible part of the camera's frustum.
-
-        Raises:
-            ValueError: If the light is not directional.
-        """
-        del light
-        space = space.as_directional("a bend needs")
-        points = padded(space.project(corners(camera, *visible_range(camera, mesh)))[0])
-        axis = view_axis(space, camera)
-        along = points @ axis
-        extent = jnp.max(along) - jnp.min(along)
-        return PerspectiveWarp.fit(points, self.bend / (1 - self.bend) / extent, axis)
+        return ShadowMapping(
+            taps, resolution, SingleMap(PerspectiveFit(bend=self.bend)), caster, Bias(self.bias, "slope")
+        )
 
 
 class ExpectedError(Checked):
@@ -169,7 +144,7 @@ class ExpectedError(Checked):
     def grid(self, bend: Scalar) -> RayGrid:
         """The map's light rays for a bend."""
         space = self.fine.grid.space
-        warp = BentFit(bend).fit(space, self.light, self.mesh, self.camera)
+        warp = PerspectiveFit(bend=bend).fit(space, self.light, self.mesh, self.camera)
         return RayGrid(space, warp, self.fine.grid.far, self.resolution, self.resolution)
 
     def visibility(self, settings: Settings) -> Float[Array, "points placements"]:
@@ -267,4 +242,4 @@ def error_and_slope(expected: ExpectedError, numbers: ArrayLike) -> tuple[Array,
     return jax.value_and_grad(lambda x: jnp.log(expected.error(Settings.of(x))))(at)
 
 
-__all__ = ["PATTERN", "BentFit", "ExpectedError", "Settings", "error_and_slope"]
+__all__ = ["PATTERN", "ExpectedError", "Settings", "error_and_slope"]

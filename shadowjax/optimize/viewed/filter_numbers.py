@@ -3,13 +3,15 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 
-from shadowjax._checked import checked
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require_choice, require_int, require_untraced
+from shadowjax._types import Scalar
 from shadowjax.filters.base import Filter
 from shadowjax.filters.convolution import Convolution, FourierStep
 from shadowjax.filters.exponential import Exponential
@@ -17,7 +19,8 @@ from shadowjax.filters.exponential_variance import ExponentialVariance
 from shadowjax.filters.moment import Moments
 from shadowjax.filters.prefilter import Prefilter
 from shadowjax.filters.variance import Variance
-from shadowjax.optimize.viewed.views import Viewed, error_of
+from shadowjax.optimize.solution import Kind, Solution, ended, with_maps
+from shadowjax.optimize.viewed.views import Viewed, Views, as_views, error_of
 from shadowjax.theory.limits import largest_exponent
 
 
@@ -99,38 +102,36 @@ FAMILIES: dict[str, Family] = {
 }  # fmt: skip
 
 
-@checked
-@dataclass(frozen=True)
-class BestNumbers:
-    """What a search over a family found.
+class FilterCertificate(Checked):
+    """What was measured beside the best numbers of a filter.
 
     Attributes:
         family: Key of `FAMILIES`.
-        numbers: Name to best value.
-        error: Root mean squared error over the scenes there.
         default_numbers: Name to the filter's default.
-        default_error: Error there.
-        gain: default_error / error, ≥ 1.
         at_bound: Names of the numbers that ended at an end of their range.
         test_error: Error over scenes that were not searched, at the best values; None without such scenes.
         test_default_error: The same at the defaults.
         tried: (values, error) of all that was measured, in order.
     """
 
-    family: str
-    numbers: dict[str, float]
-    error: float
-    default_numbers: dict[str, float]
-    default_error: float
-    gain: float
-    at_bound: tuple[str, ...]
-    test_error: float | None
-    test_default_error: float | None
-    tried: tuple[tuple[tuple[float, ...], float], ...]
+    family: str = eqx.field(static=True)
+    default_numbers: dict[str, Scalar]
+    at_bound: tuple[str, ...] = eqx.field(static=True)
+    test_error: Scalar | None
+    test_default_error: Scalar | None
+    tried: tuple[tuple[tuple[float, ...], float], ...] = eqx.field(static=True)
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain values, as `optimize exponent` writes them."""
-        return {**vars(self), "at_bound": list(self.at_bound), "tried": [[list(v), e] for v, e in self.tried]}
+
+KIND = Kind(
+    (
+        ("family", "certificate.family"), ("numbers", "value"), ("error", "objective_value"),
+        ("default_numbers", "certificate.default_numbers"), ("default_error", "baselines.default"), ("gain", "gain"),
+        ("at_bound", "certificate.at_bound"), ("test_error", "certificate.test_error"),
+        ("test_default_error", "certificate.test_default_error"), ("tried", "certificate.tried"), ("result", "text"),
+    ),
+    rival="default",
+    technique=lambda found, resolution, options: with_maps(resolution, options, filter=found.problem),
+)  # fmt: skip
 
 
 @checked
@@ -140,28 +141,35 @@ def mean_error(views: tuple[Viewed, ...], filter_: Filter) -> float:
 
 
 @checked
-def best_numbers(
-    views: tuple[Viewed, ...],
-    family: str,
+def exponent(
+    views: Views,
+    family: str = "evsm4",
     blur_size: int = 7,
     evaluations: int = 24,
-    test_views: tuple[Viewed, ...] = (),
-) -> BestNumbers:
-    """Pattern search: a step up or down along each number in turn; steps halve when none helps.
+    test_views: Views = (),
+) -> Solution[dict[str, Scalar], FilterCertificate]:
+    """The exponents, damping, terms and bleed clamp of a filter that make least error, by pattern search.
+
+    A step up or down along each number in turn; steps halve when none helps.
 
     Args:
-        views: Scenes to search over.
+        views: Scenes to search over, their names, or from `view_scene`.
         family: Key of `FAMILIES`.
         blur_size: Taps of the Gaussian along an axis, odd.
         evaluations: Most filters to measure, ≥ 2; each is compiled.
         test_views: Scenes that are only measured.
 
+    Returns:
+        `value` name → number; `objective_value` the error; `baselines` "default", the filter's own numbers. Its
+        technique is one uniform map with the filter of these numbers.
+
     Raises:
         ValueError: If the family is unknown or a size is out of range.
     """
-    require_untraced("best_numbers", views, test_views)
+    require_untraced("exponent", views, test_views)
     require_choice(family, "filter", FAMILIES)
     require_int(evaluations, "the number of evaluations", 2)
+    views, test_views = as_views(views), as_views(test_views) if test_views != () else ()
     chosen, blur = FAMILIES[family], Prefilter(blur_size)
     tried: dict[tuple[float, ...], float] = {}
 
@@ -184,11 +192,13 @@ def best_numbers(
         scale = scale if lowest < before else scale / 2
     ends = tuple(knob.name for knob, value in zip(chosen.knobs, best, strict=True) if value in (knob.low, knob.high))
     names = [knob.name for knob in chosen.knobs]
-    tests = [mean_error(test_views, chosen.make(v, blur)) if test_views else None for v in (best, start)]
-    return BestNumbers(
-        family, dict(zip(names, best, strict=True)), lowest, dict(zip(names, start, strict=True)), tried[start],
-        tried[start] / max(lowest, 1e-12), ends, tests[0], tests[1], tuple(tried.items()),
-    )  # fmt: skip
+    number = lambda x: jnp.asarray(x, views[0].exact.dtype)  # noqa: E731
+    tests = [number(mean_error(test_views, chosen.make(v, blur))) if test_views else None for v in (best, start)]
+    named = lambda values: {name: number(v) for name, v in zip(names, values, strict=True)}  # noqa: E731
+    certificate = FilterCertificate(family, named(start), ends, tests[0], tests[1], tuple(tried.items()))
+    result = ended(scale <= 1 / 16, optx.RESULTS.nonlinear_max_steps_reached)
+    default = {"default": number(tried[start])}
+    return Solution(named(best), number(lowest), default, certificate, result, chosen.make(best, blur), KIND)
 
 
-__all__ = ["FAMILIES", "BestNumbers", "Family", "SearchParameter", "best_numbers", "mean_error"]
+__all__ = ["FAMILIES", "Family", "FilterCertificate", "SearchParameter", "exponent", "mean_error"]

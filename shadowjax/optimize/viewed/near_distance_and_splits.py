@@ -4,6 +4,7 @@ The error of every slice between two planes is a cubic of moments (`shadowjax.op
 planes come from an exhaustive search.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -12,8 +13,10 @@ import jax.numpy as jnp
 
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice, require_int, undifferentiable
-from shadowjax._numerics import safe_divide
+from shadowjax._numerics import larger, safe_divide
 from shadowjax._types import Array, Float, Scalar
+from shadowjax.optimize.analytic.slices import Slices
+from shadowjax.optimize.solution import Kind, Solution, ended, with_slices
 from shadowjax.optimize.viewed.seen_pixels import (
     Chart,
     SeenPixels,
@@ -24,6 +27,7 @@ from shadowjax.optimize.viewed.seen_pixels import (
     total_error,
     widest,
 )
+from shadowjax.techniques.shadow_mapping import ShadowMapping
 from shadowjax.theory.aliasing.light_frustum import LightFrustum
 from shadowjax.theory.aliasing.near_distances import generalised
 from shadowjax.theory.aliasing.roots import implicit, least
@@ -32,14 +36,10 @@ from shadowjax.theory.aliasing.strength import least_worst_strength
 BENDS = 129  # bends W/(n' + W) tried before the optimum is polished
 
 
-class SeenNearDistance(Checked):
-    """The best n' of one map for a view.
+class SeenCertificate(Checked):
+    """Why a near distance is the best for a view.
 
     Attributes:
-        near_distance: n', world units; huge for the uniform map.
-        error: Its error: the mean, or the worst pixel's m_z up to a factor.
-        published: Error of eq. 42 with 44 over the same range of depths.
-        gain: `published` over `error`.
         slope_below: Derivative of ln(error) by the bend W/(n' + W) just below the optimum; not positive, unless the
             uniform map is best.
         slope_above: The same just above; not negative. Both are 0 at a smooth optimum, not at a kink, where another
@@ -47,59 +47,108 @@ class SeenNearDistance(Checked):
         uniform: Whether the uniform map is best.
     """
 
-    near_distance: Scalar
-    error: Scalar
-    published: Scalar
-    gain: Scalar
     slope_below: Scalar
     slope_above: Scalar
     uniform: Array
 
 
+def _technique(found: Any, resolution: int, options: dict[str, Any]) -> ShadowMapping:
+    view = found.problem
+    return with_slices(jnp.stack([view.near, view.far]), found.value[None], resolution, options)
+
+
+NEAR_DISTANCE = Kind(
+    (
+        ("near_distance", "value"), ("error", "objective_value"), ("baselines", "baselines"), ("gain", "gain"),
+        ("certificate", "certificate"), ("result", "text"),
+    ),
+    technique=_technique,
+)  # fmt: skip
+
+# Bend → ln of the error.
+LogError = Callable[[Array], Array]
+# n' and what is seen → a positive number.
+Rated = Callable[[Array, SeenPixels], Array]
+
+
+def _mean(pixels: SeenPixels, chart: Chart) -> tuple[Array, LogError]:
+    """Least mean of m_x·m_z by weight."""
+    sums, count = jnp.sum(moments(pixels), axis=-1), jnp.sum(pixels.weight)
+
+    def piece(bend: Array, sides: Any) -> Array:
+        return _log(safe_divide(total_error(sums, chart, bend / (1 - bend) / chart.extent, sides), count))
+
+    bend = _least(piece, lambda bend: widest(chart, bend / (1 - bend) / chart.extent), chart.extent.dtype)
+    return bend, lambda bend: piece(bend, None)
+
+
+def _worst(pixels: SeenPixels, chart: Chart) -> tuple[Array, LogError]:
+    """Least of the largest weighted m_z of a pixel."""
+    extent = chart.extent
+    offset = jnp.clip(pixels.rise - chart.lowest, 0, extent)
+    weight = pixels.weight / pixels.depth
+
+    def log_error(bend: Array) -> Array:
+        stretch = 1 + offset * (bend / (1 - bend) / extent)
+        return _log(jnp.max(weight * stretch * stretch) * extent * (1 - bend) / (2 * pixels.half_size[1]))
+
+    strength = least_worst_strength(offset, weight, extent) * extent
+    return strength / (1 + strength), log_error
+
+
+# The bend of least error, and ln of the error at any; one line each. Or a function of n' and pixels, as users give it.
+OBJECTIVES: dict[str, Callable[[SeenPixels, Chart], tuple[Array, LogError]]] = {"mean": _mean, "worst": _worst}
+
+
+def _given(objective: Rated, pixels: SeenPixels, chart: Chart) -> tuple[Array, LogError]:
+    """Least of a function of n' and pixels."""
+
+    def piece(bend: Array, _: Any) -> Array:
+        return _log(jnp.asarray(objective(_distance(bend, chart.extent), pixels), bend.dtype))
+
+    bend = _least(piece, lambda bend: jnp.zeros((), jnp.int32), chart.extent.dtype)
+    return bend, lambda bend: piece(bend, None)
+
+
+def _distance(bend: Array, extent: Array) -> Array:
+    """n' of a bend; huge for the uniform map."""
+    return extent * (1 - bend) / larger(bend, float(jnp.finfo(extent.dtype).eps) / 4)
+
+
 @checked
 @eqx.filter_jit
-def near_distance_for_view(pixels: SeenPixels, objective: str = "mean") -> SeenNearDistance:
+def near_distance_for_view(pixels: SeenPixels, objective: str | Rated = "mean") -> Solution[Scalar, SeenCertificate]:
     """The n' of one map that is best for the pixels a camera sees.
+
+    n' and its error carry their implicit derivative by the pixels, at kinks too.
 
     Args:
         pixels: From `seen_pixels`.
-        objective: "mean", the mean of m_x·m_z by weight. "worst", the largest weighted m_z of a pixel
-            (`shadowjax.theory.aliasing.strength`). n' carries its implicit derivative, at kinks too.
+        objective: "mean", the mean of m_x·m_z by weight; "worst", the largest weighted m_z of a pixel
+            (`shadowjax.theory.aliasing.strength`); or a smooth function of n' and the pixels that gives a positive
+            number.
+
+    Returns:
+        `value` n', world units, huge for the uniform map; `objective_value` the error; `baselines` "published", eq. 42
+        with 44 over the same range of depths, and "uniform". Its technique is one map around what is seen.
 
     Raises:
         ValueError: If the objective is unknown.
     """
-    require_choice(objective, "objective", ("mean", "worst"))
     frustum = pixels.frustum
     chart = chart_between(pixels, frustum.near, frustum.far)
-    extent = chart.extent
-    if objective == "worst":
-        offset = jnp.clip(pixels.rise - chart.lowest, 0, extent)
-        weight = pixels.weight / pixels.depth
-
-        def log_error(bend: Array) -> Array:
-            stretch = 1 + offset * (bend / (1 - bend) / extent)
-            return _log(jnp.max(weight * stretch * stretch) * extent * (1 - bend) / (2 * pixels.half_size[1]))
-
-        bend = least_worst_strength(offset, weight, extent) * extent
-        bend = bend / (1 + bend)
+    if isinstance(objective, str):
+        bend, log_error = OBJECTIVES[require_choice(objective, "objective", OBJECTIVES)](pixels, chart)
     else:
-        sums = jnp.sum(moments(pixels), axis=-1)
-        count = jnp.sum(pixels.weight)
-
-        def log_error(bend: Array) -> Array:
-            return piece(bend, None)
-
-        def piece(bend: Array, sides: Any) -> Array:
-            return _log(safe_divide(total_error(sums, chart, bend / (1 - bend) / extent, sides), count))
-
-        bend = _least(piece, lambda bend: widest(chart, bend / (1 - bend) / extent), extent.dtype)
-    distance = extent * (1 - bend) / jnp.maximum(bend, float(jnp.finfo(extent.dtype).eps) / 4)
-    error = jnp.exp(log_error(bend))
-    published = generalised(frustum)
-    before = jnp.exp(log_error(extent / (extent + published)))
+        bend, log_error = _given(objective, pixels, chart)
+    before = chart.extent / (chart.extent + generalised(frustum))
     below, above = (_slope(log_error, bend, side) for side in (-1, 1))
-    return SeenNearDistance(distance, error, before, before / error, below, above, bend <= 1e-9)
+    error = jnp.exp(log_error(bend))
+    baselines = {"published": jnp.exp(log_error(before)), "uniform": jnp.exp(log_error(jnp.zeros_like(bend)))}
+    return Solution(
+        _distance(bend, chart.extent), error, baselines, SeenCertificate(below, above, bend <= 1e-9),
+        ended(jnp.isfinite(error)), frustum, NEAR_DISTANCE,
+    )  # fmt: skip
 
 
 def _log(value: Array) -> Array:
@@ -126,29 +175,30 @@ def _least(piece: Any, active: Any, dtype: Any) -> Array:
     return jnp.where(better, found, implicit(lambda bend: 0 * bend, start))
 
 
-class SeenSplits(Checked):
-    """The best planes of k maps for a view.
+class GridCertificate(Checked):
+    """What the planes chosen from a grid may still cost.
 
     Attributes:
-        splits: k + 1 planes, world units, from the nearest to the farthest depth that is seen.
-        near_distances: n' of every slice, world units.
-        error: Mean pixels a texel covers, over all seen pixels, with k maps of one resolution.
-        published: The same for equal ratios (eq. 50) with n' of eq. 42 and 44.
-        gain: `published` over `error`.
-        coarser: Error of the best planes on half as many candidates over `error`, less 1: what the grid may still cost.
+        coarser: Error of the best planes on half as many candidates over the error found, less 1.
     """
 
-    splits: Float[Array, "planes"]
-    near_distances: Float[Array, "slices"]
-    error: Scalar
-    published: Scalar
-    gain: Scalar
     coarser: Scalar
+
+
+SPLITS = Kind(
+    (
+        ("splits", "value.cuts"), ("near_distances", "value.near_distances"), ("error", "objective_value"),
+        ("baselines", "baselines"), ("gain", "gain"), ("certificate", "certificate"), ("result", "text"),
+    ),
+    technique=lambda found, resolution, options: with_slices(
+        found.value.cuts, found.value.near_distances, resolution, options
+    ),
+)  # fmt: skip
 
 
 @checked
 @eqx.filter_jit
-def splits_for_view(pixels: SeenPixels, num_partitions: int, num_bins: int = 64) -> SeenSplits:
+def splits_for_view(pixels: SeenPixels, num_partitions: int, num_bins: int = 64) -> Solution[Slices, GridCertificate]:
     """The planes and n' of k slices that are best for the pixels a camera sees, by exhaustive search over a grid.
 
     Every pair of candidate planes, equal in ln z, is a slice with its best n'; the best chain of k slices is found by
@@ -160,6 +210,12 @@ def splits_for_view(pixels: SeenPixels, num_partitions: int, num_bins: int = 64)
         num_bins: Intervals between candidate planes, even and at least 2k.
 
     Planes are points of a grid, chosen by exhaustion: a choice has no derivative, so none is given.
+
+    Returns:
+        `value.cuts`, k + 1 planes from the nearest to the farthest depth that is seen, and `value.near_distances`,
+        world units; `objective_value` the pixels that a texel covers, averaged over all seen pixels, with k maps of one
+        resolution; `baselines` of equal ratios (eq. 50): "published" with n' of eq. 42 and 44, and "uniform". Its
+        technique has one map a slice.
 
     Raises:
         ValueError: If a number is out of range, or the result is differentiated.
@@ -189,18 +245,22 @@ def splits_for_view(pixels: SeenPixels, num_partitions: int, num_bins: int = 64)
     planes = edges[chain]
     extent = chart_between(pixels, planes[:-1], planes[1:]).extent
     bend = jnp.zeros((bins + 1, bins + 1), dtype).at[first, last].set(bends)[chain[:-1], chain[1:]]
-    distances = extent * (1 - bend) / jnp.maximum(bend, float(jnp.finfo(dtype).eps) / 4)
+    distances = _distance(bend, extent)
     equal = view.near * jnp.exp(span * jnp.arange(k + 1, dtype=dtype) / k)
     equal = equal.at[-1].set(view.far)
     one = jnp.ones(k, dtype)
     usual = LightFrustum(equal[:-1], equal[1:], one * view.phi_y, one * view.phi_x, one * view.gamma)
     place = jnp.clip((jnp.log(pixels.depth / view.near) / span * k).astype(jnp.int32), 0, k - 1)
     sums = jnp.zeros((4, k), dtype).at[:, place].add(moments(pixels))
-    published = jnp.sum(total_error(sums, chart_between(pixels, equal[:-1], equal[1:]), 1 / generalised(usual)))
-    return SeenSplits(
-        planes, distances, safe_divide(total, count), safe_divide(published, count), safe_divide(published, total),
-        safe_divide(coarse, total) - 1,
-    )  # fmt: skip
+    charts = chart_between(pixels, equal[:-1], equal[1:])
+    strengths = {"published": 1 / generalised(usual), "uniform": jnp.zeros_like(one)}
+    baselines = {
+        name: safe_divide(jnp.sum(total_error(sums, charts, strength)), count) for name, strength in strengths.items()
+    }
+    error = safe_divide(total, count)
+    certificate = GridCertificate(safe_divide(coarse, total) - 1)
+    value = Slices(planes, distances)
+    return Solution(value, error, baselines, certificate, ended(jnp.isfinite(error)), view, SPLITS)
 
 
 def _slice_costs(sums: Float[Array, "4 slices"], charts: Chart) -> tuple[Array, Array]:
@@ -234,6 +294,6 @@ def _best_chain(table: Float[Array, "planes planes"], k: int) -> tuple[Array, Sc
 
 
 __all__ = [
-    "SeenNearDistance", "SeenPixels", "SeenSplits", "mean_error", "near_distance_for_view", "seen_pixels",
-    "splits_for_view",
+    "OBJECTIVES", "GridCertificate", "SeenCertificate", "SeenPixels", "mean_error", "near_distance_for_view",
+    "seen_pixels", "splits_for_view",
 ]  # fmt: skip

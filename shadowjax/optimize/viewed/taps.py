@@ -1,61 +1,64 @@
 """Which extra depths a multi-depth map should keep, by exhaustive search; where PCF's taps should lie, by gradient."""
 
 import itertools
-from dataclasses import asdict, dataclass
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
-from shadowjax._checked import checked
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice, require_int, require_untraced
-from shadowjax._types import Array, Float
+from shadowjax._types import Array, Float, Int, Scalar
+from shadowjax.bias.rule import Bias
 from shadowjax.filters.chosen_depths import Cells, Ranks, neighbourhood_cells, ranked
-from shadowjax.filters.multi_depth import DepthPolicy, ring_offsets, shifted
+from shadowjax.filters.multi_depth import DepthPolicy, MultiDepth, ring_offsets, shifted
 from shadowjax.filters.offset_pcf import OffsetPercentageCloser
 from shadowjax.filters.pcf import kernel_offsets, percentage_closer
-from shadowjax.optimize.viewed.views import Viewed
+from shadowjax.optimize.solution import Kind, Solution, ended, with_maps
+from shadowjax.optimize.viewed.views import Viewed, Views, as_views
+from shadowjax.techniques.shadow_mapping import ShadowMapping
 
 CANDIDATES = ("ranks", "cells")
 
 
-@checked
-@dataclass(frozen=True)
-class BestDepths:
-    """The extra depths of least error, and the published choices next to them.
+class DepthCertificate(Checked):
+    """What was measured beside the extra depths of least error.
 
     Attributes:
         candidates: "ranks" (order statistics of the 3 × 3 neighbourhood) or "cells" (its eight neighbours).
         chosen: Ranks, or (row, column) offsets.
         kernel_size: K of the PCF over the map.
-        error: Root mean squared error over the scenes searched.
-        test_error: The same over other scenes.
-        published: Name → (error, test error) of the published choices with the same number of depths.
-        best_published: Name of the one with the least error over the scenes searched.
-        test_gain: Its test error over that of the chosen depths; above 1 the choice carries over.
+        test_error: The error over other scenes.
+        test_baselines: The same of the published choices.
         num_sets: Sets that were measured: all there are.
     """
 
-    candidates: str
-    chosen: tuple[Any, ...]
-    kernel_size: int
-    error: float
-    test_error: float
-    published: dict[str, tuple[float, float]]
-    best_published: str
-    test_gain: float
-    num_sets: int
+    candidates: str = eqx.field(static=True)
+    chosen: tuple[Any, ...] = eqx.field(static=True)
+    kernel_size: int = eqx.field(static=True)
+    test_error: Scalar
+    test_baselines: dict[str, Scalar]
+    num_sets: int = eqx.field(static=True)
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain values, as `optimize taps` writes them."""
-        return asdict(self)
 
-    @property
-    def policy(self) -> DepthPolicy:
-        """The policy that keeps the chosen depths."""
-        return Ranks(self.chosen) if self.candidates == "ranks" else Cells(self.chosen)
+def _technique(found: Any, resolution: int, options: dict[str, Any]) -> ShadowMapping:
+    filter_, texels = found.problem
+    return with_maps(resolution, options, filter=filter_, bias=Bias(texels, "slope"))
+
+
+DEPTHS = Kind(
+    (
+        ("candidates", "certificate.candidates"), ("chosen", "certificate.chosen"),
+        ("kernel_size", "certificate.kernel_size"), ("error", "objective_value"),
+        ("test_error", "certificate.test_error"), ("baselines", "baselines"),
+        ("test_baselines", "certificate.test_baselines"), ("best_published", "kind.rival"), ("gain", "gain"),
+        ("num_sets", "certificate.num_sets"), ("result", "text"),
+    ),
+    technique=_technique,
+)  # fmt: skip
 
 
 @eqx.filter_jit
@@ -66,9 +69,7 @@ def _plane_visibilities(view: Viewed, candidates: str, kernel_size: int) -> Floa
     cells = [cell for cell in neighbourhood_cells(3) if cell != (0, 0)]
     others = ranked(shadow_map.depth) if candidates == "ranks" else _stacked(shadow_map.depth, cells)
     planes = jnp.concatenate([shadow_map.depth[None], others])
-    biased = eqx.tree_at(
-        lambda s: s.bias.value, shadows, jnp.asarray(kernel_size / 2 + 1, shadow_map.depth.dtype)
-    )  # the same for every set: reach of the kernel and of the neighbourhood
+    biased = eqx.tree_at(lambda s: s.bias.value, shadows, jnp.asarray(_bias(kernel_size), shadow_map.depth.dtype))
     lookup = biased.lookup(shadow_map, view.points, view.normals)
     return jnp.stack([percentage_closer(plane[None], lookup, kernel_size) for plane in planes])
 
@@ -77,73 +78,81 @@ def _stacked(depth: Float[Array, "rows cols"], cells: list[tuple[int, int]]) -> 
     return jnp.stack([shifted(depth, *cell) for cell in cells])
 
 
+def _bias(kernel_size: int) -> float:
+    """Texels of slope, the same for every set: reach of the kernel and of the neighbourhood."""
+    return kernel_size / 2 + 1
+
+
 @checked
+@eqx.filter_jit
 def set_errors(
-    visibilities: Float[np.ndarray, "planes points"], view: Viewed, sets: list[tuple[int, ...]]
-) -> Float[np.ndarray, "sets"]:
-    """Squared error of the composite test of the own depth and of each set of planes.
+    visibilities: Float[Array, "planes points"], view: Viewed, sets: Int[Array, "sets members"]
+) -> Float[Array, "sets"]:
+    """Error of the composite test of the own depth and of each set of planes: the mean of its planes' tests."""
 
-    The composite test is the mean of its planes' tests, so all sets follow from one matrix of inner products.
-    """
-    weight = np.asarray(view.weight, float)
-    off = np.asarray(visibilities, float) - np.asarray(view.exact, float)
-    products = (off * weight) @ off.T
-    errors = []
-    for members in sets:
-        index = [0, *members]
-        errors.append(products[np.ix_(index, index)].mean())
-    return np.array(errors)
+    def one(members: Int[Array, "members"]) -> Array:
+        chosen = jnp.concatenate([visibilities[:1], visibilities[members]])
+        return view.error(jnp.mean(chosen, axis=0))
+
+    return jax.lax.map(one, sets)
 
 
 @checked
-def best_depths(
-    views: tuple[Viewed, ...],
-    test_views: tuple[Viewed, ...],
+def depths(
+    views: Views,
+    test_views: Views,
     num_depths: int = 3,
     kernel_size: int = 1,
     candidates: str = "ranks",
-) -> BestDepths:
-    """Measure every set of extra depths on some scenes, take the best, and measure it on others.
+) -> Solution[DepthPolicy, DepthCertificate]:
+    """The extra depths of least error for a multi-depth map: every set on some scenes, the best on others too.
 
     Args:
-        views: Scenes that choose.
+        views: Scenes that choose, their names, or from `view_scene`.
         test_views: Scenes that do not.
         num_depths: n, the own depth counted, 2 to 5.
         kernel_size: K of the PCF over the map, ≥ 1.
         candidates: "ranks" or "cells".
+
+    Returns:
+        `value` the policy that keeps the chosen depths; `objective_value` the error; `baselines` the published choices
+        of as many depths, the best of which the gain counts against. Its technique is one uniform multi-depth map.
 
     Raises:
         ValueError: If a number or name is out of range.
 
     Source: mdsm leaves a better choice of the extra depths as future work.
     """
-    require_untraced("best_depths", views, test_views)
+    require_untraced("depths", views, test_views)
     require_choice(candidates, "candidates", CANDIDATES)
     require_int(kernel_size, "kernel_size", 1)
-    depths = require_int(num_depths, "num_depths", 2)
-    require(depths <= 5, f"num_depths is at most 5, of which one is the texel's own; got {depths}")
-    require(min(len(views), len(test_views)) > 0, "give at least one scene to choose by and one to test on")
-    count = 9 if candidates == "ranks" else 8
-    sets = list(itertools.combinations(range(1, count + 1), depths - 1))
-    known = _published(candidates, depths)
+    num = require_int(num_depths, "num_depths", 2)
+    require(num <= 5, f"num_depths is at most 5, of which one is the texel's own; got {num}")
+    views, test_views = as_views(views), as_views(test_views)
+    sets = list(itertools.combinations(range(1, 10 if candidates == "ranks" else 9), num - 1))
 
-    def error(some: tuple[Viewed, ...], chosen: list[tuple[int, ...]]) -> np.ndarray:
+    def errors(some: tuple[Viewed, ...]) -> np.ndarray:
         each = [
-            set_errors(np.asarray(_plane_visibilities(view, candidates, kernel_size)), view, chosen) for view in some
+            set_errors(_plane_visibilities(view, candidates, kernel_size), view, jnp.asarray(sets)) for view in some
         ]
-        return np.sqrt(np.mean(each, axis=0))
+        return np.sqrt(np.mean(np.square(np.asarray(each, float)), axis=0))
 
-    measured, test = error(views, sets), error(test_views, sets)
+    measured, test = errors(views), errors(test_views)
     best = int(np.argmin(measured))
     where = {members: index for index, members in enumerate(sets)}
-    published = {name: (float(measured[where[m]]), float(test[where[m]])) for name, m in known.items()}
-    rival = min(published, key=lambda name: published[name][0])
+    known = {name: where[members] for name, members in _published(candidates, num).items()}
+    number = lambda x: jnp.asarray(x, views[0].exact.dtype)  # noqa: E731
     cells = [cell for cell in neighbourhood_cells(3) if cell != (0, 0)]
-    chosen = sets[best] if candidates == "ranks" else tuple(cells[i - 1] for i in sets[best])
-    return BestDepths(
-        candidates, chosen, kernel_size, float(measured[best]), float(test[best]), published, rival,
-        published[rival][1] / max(float(test[best]), 1e-12), len(sets),
+    places = tuple(cells[i - 1] for i in sets[best]) if candidates == "cells" else ()
+    policy = Cells(places) if places else Ranks(sets[best])
+    certificate = DepthCertificate(
+        candidates, places or sets[best], kernel_size, number(test[best]),
+        {name: number(test[i]) for name, i in known.items()}, len(sets),
     )  # fmt: skip
+    error, problem = number(measured[best]), (MultiDepth(policy, kernel_size), number(_bias(kernel_size)))
+    kind = DEPTHS._replace(rival=min(known, key=lambda name: measured[known[name]]))
+    baselines = {name: number(measured[i]) for name, i in known.items()}
+    return Solution(policy, error, baselines, certificate, ended(jnp.isfinite(error)), problem, kind)
 
 
 def _published(candidates: str, depths: int) -> dict[str, tuple[int, ...]]:
@@ -155,70 +164,72 @@ def _published(candidates: str, depths: int) -> dict[str, tuple[int, ...]]:
     return {"ring": tuple(sorted(1 + cells.index(offset) for offset in ring_offsets(depths)))}
 
 
-@checked
-@dataclass(frozen=True)
-class BestTaps:
-    """Learned offsets of bilinear PCF taps.
+class TapCertificate(Checked):
+    """What was measured beside learned offsets of taps.
 
     Attributes:
-        offsets: (x, y) of each tap, texels.
-        start_offsets: Where they began: a K × K grid one texel apart.
-        error: Root mean squared error over the scenes learned from.
-        start_error: That of the grid.
-        test_error: Over other scenes.
+        start_offsets: Where they began: a K × K grid one texel apart, texels.
+        test_error: Error over other scenes.
         test_start_error: That of the grid there.
         steps: Steps of the minimiser.
     """
 
-    offsets: tuple[tuple[float, float], ...]
-    start_offsets: tuple[tuple[float, float], ...]
-    error: float
-    start_error: float
-    test_error: float
-    test_start_error: float
-    steps: int
+    start_offsets: Float[Array, "taps 2"]
+    test_error: Scalar
+    test_start_error: Scalar
+    steps: int = eqx.field(static=True)
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain values, as `optimize taps` writes them."""
-        return asdict(self)
+
+TAPS = Kind(
+    (
+        ("offsets", "value"), ("start_offsets", "certificate.start_offsets"), ("error", "objective_value"),
+        ("start_error", "baselines.start"), ("gain", "gain"), ("test_error", "certificate.test_error"),
+        ("test_start_error", "certificate.test_start_error"), ("steps", "certificate.steps"), ("result", "text"),
+    ),
+    rival="start",
+    technique=_technique,
+)  # fmt: skip
 
 
 @eqx.filter_jit
 def _taps_error(offsets: Float[Array, "taps 2"], views: tuple[Viewed, ...], extent: float) -> Float[Array, ""]:
-    """Mean squared error of taps at these offsets."""
+    """Mean over views of the squared error of taps at these offsets."""
     total = jnp.zeros((), views[0].exact.dtype)
     filter_ = OffsetPercentageCloser(offsets, extent)
     for view in views:
         shadow_map = view.shadows.maps[0]
         biased = eqx.tree_at(lambda s: s.bias.value, view.shadows, jnp.asarray(filter_.reach, shadow_map.depth.dtype))
         lookup = biased.lookup(shadow_map, view.points, view.normals)
-        value = filter_.visibility(shadow_map.depth[None], lookup)
-        total = total + jnp.sum(view.weight * (value - view.exact) ** 2)
+        total = total + view.error(filter_.visibility(shadow_map.depth[None], lookup)) ** 2
     return total / len(views)
 
 
 @checked
-def best_taps(
-    views: tuple[Viewed, ...], test_views: tuple[Viewed, ...], kernel_size: int = 2, steps: int = 24
-) -> BestTaps:
-    """Learn where K² bilinear taps should lie, by BFGS on the squared error.
+def taps(
+    views: Views, test_views: Views, kernel_size: int = 2, steps: int = 24
+) -> Solution[Float[Array, "taps 2"], TapCertificate]:
+    """Where K² bilinear taps of PCF should lie, learned by BFGS on the squared error.
 
     Tests of depth are steps, but bilinear weights are not: the gradient tells how the error changes as taps move. Taps
     stay inside the grid's own extent plus a texel, so that one bias serves all of them.
 
     Args:
-        views: Scenes to learn from.
+        views: Scenes to learn from, their names, or from `view_scene`.
         test_views: Scenes to test on.
         kernel_size: K, taps along an axis, ≥ 1.
         steps: Most steps of the minimiser, ≥ 1.
 
+    Returns:
+        `value` (x, y) of each tap, texels; `objective_value` the error; `baselines` "start", a grid one texel apart.
+        Its technique is one uniform map read through these taps.
+
     Raises:
         ValueError: If a number is out of range.
     """
-    require_untraced("best_taps", views, test_views)
+    require_untraced("taps", views, test_views)
     require_int(kernel_size, "kernel_size", 1)
     require_int(steps, "steps", 1)
-    require(min(len(views), len(test_views)) > 0, "give at least one scene to learn from and one to test on")
+    views, test_views = as_views(views), as_views(test_views)
     line = kernel_offsets(kernel_size)
     start = jnp.asarray([(x, y) for y in line for x in line], views[0].exact.dtype)
     extent = float(max(map(abs, line))) + 1.0
@@ -233,18 +244,19 @@ def best_taps(
     found = optx.minimise(loss, solver, free, views, max_steps=steps, throw=False)
     learned = room * jnp.tanh(found.value)
 
-    def error(offsets: Array, some: tuple[Viewed, ...]) -> float:
-        return float(jnp.sqrt(_taps_error(offsets, some, extent)))
+    def error(offsets: Array, some: tuple[Viewed, ...]) -> Array:
+        return jnp.sqrt(_taps_error(offsets, some, extent))
 
-    learned = learned if error(learned, views) <= error(start, views) else start
+    before, after = error(start, views), error(learned, views)
+    helped = bool(after <= before)
+    learned, after = (learned, after) if helped else (start, before)
+    result = found.result if helped else optx.RESULTS.stagnation
+    certificate = TapCertificate(
+        start, error(learned, test_views), error(start, test_views), int(found.stats["num_steps"])
+    )
+    filter_ = OffsetPercentageCloser(learned, extent)
+    problem = filter_, jnp.asarray(filter_.reach, start.dtype)
+    return Solution(learned, after, {"start": before}, certificate, result, problem, TAPS)
 
-    def pairs(offsets: Array) -> tuple[tuple[float, float], ...]:
-        return tuple((float(x), float(y)) for x, y in np.asarray(offsets))
 
-    return BestTaps(
-        pairs(learned), pairs(start), error(learned, views), error(start, views), error(learned, test_views),
-        error(start, test_views), int(found.stats["num_steps"]),
-    )  # fmt: skip
-
-
-__all__ = ["CANDIDATES", "BestDepths", "BestTaps", "best_depths", "best_taps", "set_errors"]
+__all__ = ["CANDIDATES", "DepthCertificate", "TapCertificate", "depths", "set_errors", "taps"]

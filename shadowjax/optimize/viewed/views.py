@@ -1,15 +1,16 @@
 """What the searches over filters share: scenes looked at once, maps cast once, and the error of a visibility."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 
 from shadowjax import scenes
 from shadowjax._checked import Checked, checked
-from shadowjax._checks import require
-from shadowjax._types import Array, Bool, Float, Points
+from shadowjax._checks import require, require_choice
+from shadowjax._numerics import safe_sqrt
+from shadowjax._types import Array, Bool, Float, Points, Scalar
 from shadowjax.bias.rule import BiasRule
 from shadowjax.evaluate.compare import reference_view
 from shadowjax.filters.base import Filter
@@ -19,8 +20,22 @@ from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import default_caster
 from shadowjax.scenes.base import Scene
 from shadowjax.techniques.shadow_mapping import MappedShadows, ShadowMapping
+from shadowjax.warps.fit import light_frustum, visible_range
 
-OBJECTIVES = ("light", "visibility")
+# Visibility, exact visibility, and cosine of the light's incidence (0 where no shadow counts) of every pixel → the
+# picture's error, ≥ 0.
+PictureError = Callable[[Float[Array, "points"], Float[Array, "points"], Float[Array, "points"]], Float[Array, ""]]
+
+
+def _root_mean_square(off: Array, weight: Array) -> Array:
+    return safe_sqrt(jnp.sum(weight * off**2) / jnp.sum(weight))
+
+
+# What the error of a picture is; one line each.
+OBJECTIVES: dict[str, PictureError] = {
+    "light": lambda seen, exact, cosine: _root_mean_square(seen - exact, cosine**2),
+    "visibility": lambda seen, exact, cosine: _root_mean_square(seen - exact, (cosine > 0).astype(seen.dtype)),
+}
 
 
 class Viewed(Checked):
@@ -31,30 +46,40 @@ class Viewed(Checked):
         normals: Their unit normals.
         faces: Triangle each lies on.
         exact: Visibility by shadow rays.
-        weight: Weight of each squared error: cosine² of incidence for received light, 1 for visibility; adds up to 1.
-        valid: Which receivers count.
+        cosine: Cosine of the light's incidence; 0 where no shadow counts.
         shadows: A hard test over the map.
         mesh: What the map was cast from.
         name: Of the scene.
+        objective: What the error of a picture is.
     """
 
     points: Points
     normals: Points
     faces: Array
     exact: Float[Array, "points"]
-    weight: Float[Array, "points"]
-    valid: Bool[Array, "points"]
+    cosine: Float[Array, "points"]
     shadows: MappedShadows
     mesh: Mesh
     name: str = eqx.field(static=True)
+    objective: PictureError = eqx.field(static=True)
+
+    @property
+    def valid(self) -> Bool[Array, "points"]:
+        """Which receivers count."""
+        return self.cosine > 0
+
+    @property
+    def resolution(self) -> int:
+        """Texels along each side of the map."""
+        return self.shadows.maps[0].depth.shape[-1]
 
     def read(self, filter_: Filter, bias: BiasRule | None = None) -> MappedShadows:
         """The map prepared for another filter."""
         return self.shadows.with_filter(filter_, bias)
 
     def error(self, visibility: Float[Array, "points"]) -> Float[Array, ""]:
-        """Root of the weighted mean squared error."""
-        return jnp.sqrt(jnp.sum(self.weight * (visibility - self.exact) ** 2))
+        """The error of a picture, by the objective."""
+        return self.objective(visibility, self.exact, self.cosine)
 
 
 @checked
@@ -71,13 +96,16 @@ def error_of(shadows: MappedShadows, viewed: Viewed) -> Float[Array, ""]:
     return viewed.error(shadows.visibility(viewed.points, viewed.normals))
 
 
+Views = Viewed | Scene | str | Sequence[Viewed | Scene | str]
+
+
 @checked
 def view_scene(
     scene: Scene | str,
     width: int = 160,
     height: int = 120,
     resolution: int = 256,
-    objective: str = "light",
+    objective: str | PictureError = "light",
     caster: Caster | None = None,
 ) -> Viewed:
     """Look at a scene and cast its first light's map.
@@ -87,13 +115,15 @@ def view_scene(
         width: Pixels across, ≥ 1.
         height: Pixels down, ≥ 1.
         resolution: Texels along each side of the map, ≥ 1.
-        objective: "light" weighs errors by the cosine of incidence, "visibility" counts all alike.
+        objective: "light", the root mean square of errors weighed by the cosine of incidence; "visibility", which
+            counts all alike; or a function of visibility, exact visibility and cosine of incidence (0 where no shadow
+            counts) of every pixel that gives the picture's error, ≥ 0.
         caster: Traces all rays; the default caster if None.
 
     Raises:
         ValueError: If a name or size is wrong, or nothing in view faces the light.
     """
-    require(objective in OBJECTIVES, f"objective must be one of {', '.join(OBJECTIVES)}; got {objective!r}")
+    error = OBJECTIVES[require_choice(objective, "objective", OBJECTIVES)] if isinstance(objective, str) else objective
     scene = scenes.make_scene(scene) if isinstance(scene, str) else scene
     caster = default_caster() if caster is None else caster
     view = reference_view(scene, width, height, caster)
@@ -102,21 +132,59 @@ def view_scene(
     def flat(x: Any) -> Array:
         return x.reshape(-1, *x.shape[2:])
 
-    valid = flat(view.valid)
-    power = flat(view.cosine) ** 2 if objective == "light" else valid.astype(view.exact.dtype)
-    weight = power / jnp.sum(power)
     surface = view.surface
     return Viewed(
-        flat(surface.points), flat(surface.normals), flat(surface.face), flat(view.exact), weight, valid, shadows,
-        scene.mesh, scene.name,
+        flat(surface.points), flat(surface.normals), flat(surface.face), flat(view.exact), flat(view.cosine), shadows,
+        scene.mesh, scene.name, error,
     )  # fmt: skip
 
 
+class ViewNumbers(NamedTuple):
+    """What the closed forms ask of a view.
+
+    Attributes:
+        near: Least depth at which the scene has vertices, world units.
+        far: Largest.
+        phi: Half the vertical angle of view, radians; for a camera that rolls about the light's plane, of the upright
+            frustum round its own.
+        gamma: Angle between light and view, radians.
+    """
+
+    near: Scalar
+    far: Scalar
+    phi: Scalar
+    gamma: Scalar
+
+
 @checked
-def view_scenes(names: Sequence[Scene | str], **options: Any) -> tuple[Viewed, ...]:
-    """`view_scene` of each; at least one."""
-    require(len(names) > 0, "give at least one scene")
-    return tuple(view_scene(name, **options) for name in names)
+def view_of(scene: Scene | str) -> ViewNumbers:
+    """Near, far, φ and γ of a scene's camera and first light, in the order in which optimisers take them.
+
+    Args:
+        scene: A scene, or the name of a built-in one.
+
+    Raises:
+        ValueError: If the light is not directional.
+    """
+    scene = scenes.make_scene(scene) if isinstance(scene, str) else scene
+    light = scene.lights[0].as_directional("the angle γ needs")
+    frustum = light_frustum(scene.camera, light.direction, *visible_range(scene.camera, scene.mesh))
+    return ViewNumbers(frustum.near, frustum.far, frustum.phi_y, frustum.gamma)
 
 
-__all__ = ["OBJECTIVES", "Viewed", "error_of", "view_scene", "view_scenes", "visibility_of"]
+@checked
+def as_views(views: Views, **options: Any) -> tuple[Viewed, ...]:
+    """What a search looks at: views as they are, and `view_scene` of scenes and names.
+
+    Raises:
+        ValueError: If there is none.
+    """
+    given = (views,) if isinstance(views, Viewed | Scene | str) else tuple(views)
+    require(len(given) > 0, "give at least one scene")
+    return tuple(one if isinstance(one, Viewed) else view_scene(one, **options) for one in given)
+
+
+__all__ = [
+    "OBJECTIVES", "PictureError", "ViewNumbers", "Viewed", "Views", "as_views", "error_of", "view_of", "view_scene",
+    "visibility_of",
+]  # fmt: skip
