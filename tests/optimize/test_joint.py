@@ -87,6 +87,17 @@ def test_a_search_that_ends_beside_a_kink_is_stationary_and_says_so():
     np.testing.assert_allclose(found.certificate.seam_jump, 1.3, rtol=1e-12)
 
 
+def test_single_precision_finds_the_same_planes(dtype):
+    """The search is in double precision whatever it is given."""
+    view = [jnp.asarray(x, jnp.float32) for x in (1.0, 40.0, 0.5, 1.0)]
+    found = joint_splits(*(x.astype(dtype) for x in view), 2, "sum", "minimax", 3.0)
+    exact = joint_splits(*(x.astype(jnp.float64) for x in view), 2, "sum", "minimax", 3.0)
+    assert found.converged
+    assert found.value.cuts.dtype == dtype
+    np.testing.assert_allclose(found.value.cuts, exact.value.cuts, rtol=2e-6)
+    np.testing.assert_allclose(found.objective_value, exact.objective_value, rtol=1e-5)
+
+
 def test_parallel_light_keeps_all_slices_but_the_first_at_the_limit():
     """γ = 0, where every n' is the uniform map: the jump is the next slice's ratio (eq. 55 with λ = 0)."""
     found = joint_splits(*VIEW, 0.0, 4, "max", "minimax", 2.0)

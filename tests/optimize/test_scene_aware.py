@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from shapes import above, lights, plate_over_plane
 
-from shadowjax import BruteForceCaster, DirectionalLight, camera_grid, trace_surface
+from shadowjax import BruteForceCaster, DirectionalLight, Scene, camera_grid, trace_surface
 from shadowjax.evaluate.measure import aliasing_map
+from shadowjax.optimize import near_distance, view_of
 from shadowjax.optimize.viewed.near_distance_and_splits import (
     mean_error,
     near_distance_for_view,
@@ -81,6 +82,17 @@ def test_the_applied_splits_have_the_error_that_is_told(surface, pixels):
     assert found.gain > 1
     measured = applied(found, surface, pixels, found.value.cuts)
     np.testing.assert_allclose(measured, found.objective_value, rtol=1e-3)
+
+
+def test_a_scene_s_view_is_told_in_four_numbers():
+    view = view_of(Scene(MESH, CAMERA, (LIGHT,), "plate", "A plate."))
+    depth = np.asarray(CAMERA.to_view(MESH.vertices)[:, 2])
+    np.testing.assert_allclose([view.near, view.far], [depth.min(), depth.max()], rtol=1e-12)
+    cosine = abs(float(LIGHT.direction @ CAMERA.forward))
+    np.testing.assert_allclose(view.gamma, np.arccos(cosine), rtol=1e-9)
+    assert near_distance(*view).converged
+    with pytest.raises(ValueError, match="needs a directional light; got SpotLight"):
+        view_of(Scene(MESH, CAMERA, (lights()["spot"],), "plate", "A plate."))
 
 
 def test_nothing_on_a_grid_beats_the_best_near_distance(pixels):
