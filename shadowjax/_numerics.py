@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax.core import eval_jaxpr
 from jax.custom_batching import sequential_vmap
 
-from shadowjax._types import Array, Bool, Float
+from shadowjax._types import Array, Bool, DType, Float
 
 
 def safe_divide(
@@ -125,6 +125,6 @@ def one_by_one(function: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-def far_away(dtype: Any) -> float:
+def far_away(dtype: DType) -> float:
     """The finite stand-in for infinity: its square is still finite, so moments of depth stay finite too."""
     return float(jnp.finfo(dtype).max) ** 0.5

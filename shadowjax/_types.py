@@ -7,10 +7,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jaxtyping
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree, UInt
 
 # What users give where an array is wanted.
 ArrayLike = jaxtyping.ArrayLike | Sequence[Any]
+
+# What users give as a dtype: jnp.float32, a NumPy dtype, or its name.
+DType = str | type | np.dtype
 
 Scalar = Float[Array, ""]
 Vector2 = Float[Array, "2"]
@@ -20,12 +24,12 @@ Points = Float[Array, "*points 3"]
 _Tree = TypeVar("_Tree")
 
 
-def default_dtype() -> Any:
+def default_dtype() -> DType:
     """The floating dtype that JAX gives a Python float: float64 only where the user enabled it."""
     return jnp.result_type(float)
 
 
-def floating_dtype(dtype: Any) -> Any:
+def floating_dtype(dtype: DType | None) -> DType:
     """A floating dtype, or ValueError."""
     try:
         is_floating = dtype is not None and jnp.issubdtype(jnp.dtype(dtype), jnp.floating)
@@ -33,10 +37,11 @@ def floating_dtype(dtype: Any) -> Any:
         is_floating = False
     if not is_floating:
         raise ValueError(f"dtype must be a floating dtype, such as jnp.float32; got {dtype!r}")
+    assert dtype is not None
     return dtype
 
 
-def as_float_array(value: ArrayLike, dtype: Any = None) -> Float[Array, "..."]:
+def as_float_array(value: ArrayLike, dtype: DType | None = None) -> Float[Array, "..."]:
     """Turn a number, list or array into a strongly typed floating array.
 
     A floating array keeps its dtype (NumPy float64 becomes the default dtype, since it is what Python numbers are);
@@ -48,7 +53,7 @@ def as_float_array(value: ArrayLike, dtype: Any = None) -> Float[Array, "..."]:
     return jnp.asarray(value, dtype=dtype)
 
 
-def astype(tree: _Tree, dtype: Any) -> _Tree:
+def astype(tree: _Tree, dtype: DType) -> _Tree:
     """Copy of any object of this package with every floating array in `dtype`.
 
     Raises:
@@ -62,6 +67,20 @@ def astype(tree: _Tree, dtype: Any) -> _Tree:
 
 
 __all__ = [
-    "Array", "ArrayLike", "Bool", "Float", "Int", "Points", "PyTree", "Scalar", "UInt", "Vector2", "Vector3",
-    "as_float_array", "astype", "default_dtype", "floating_dtype",
+    "Array",
+    "ArrayLike",
+    "Bool",
+    "DType",
+    "Float",
+    "Int",
+    "Points",
+    "PyTree",
+    "Scalar",
+    "UInt",
+    "Vector2",
+    "Vector3",
+    "as_float_array",
+    "astype",
+    "default_dtype",
+    "floating_dtype",
 ]  # fmt: skip

@@ -1,13 +1,11 @@
 """Exponential variance shadow maps: Chebyshev's bound on exponentially warped depths, from two or four moments."""
 
-from typing import Any
-
 import equinox as eqx
 import jax.numpy as jnp
 
 from shadowjax._checked import checked
 from shadowjax._checks import POSITIVE, require_number
-from shadowjax._types import Array, Float
+from shadowjax._types import Array, DType, Float
 from shadowjax.filters.exponential import check_exponent
 from shadowjax.filters.prefilter import Prefilter
 from shadowjax.filters.prefiltered import Prefiltered, Values
@@ -102,7 +100,7 @@ class ExponentialVariance(Prefiltered):
         """c₊, and −c₋ if there is one."""
         return (self.positive,) if self.negative is None else (self.positive, -self.negative)
 
-    def check(self, dtype: Any) -> None:
+    def check(self, dtype: DType) -> None:
         """Second moments must be finite."""
         for exponent in map(abs, self.exponents):
             growth = 1 + self.footprint * (2 * exponent) ** 2 * 2 * self.slope_limit**2

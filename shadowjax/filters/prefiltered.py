@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from shadowjax._checked import Checked
 from shadowjax._checks import require_finite
-from shadowjax._types import Array, Float
+from shadowjax._types import Array, DType, Float
 from shadowjax.filters.base import Filter, Lookup
 from shadowjax.filters.prefilter import DepthRange, Prefilter
 from shadowjax.maps.blur import extend
@@ -64,7 +64,7 @@ class Prefiltered(Filter):
     def decode(self, values: Values, depth: Float[Array, "*points"]) -> Float[Array, "*points"]:
         """Visibility from the averaged numbers, for receivers of a depth in the same range."""
 
-    def check(self, dtype: Any) -> None:
+    def check(self, dtype: DType) -> None:
         """Complain about parameters that the map's dtype cannot hold."""
 
     def prepare(self, depth: Depth, far: Float[Array, ""] | None = None, border: str = "lit") -> EncodedMap:

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from shadowjax._checked import Checked
 from shadowjax._checks import POSITIVE, concrete, require, require_finite, require_value
 from shadowjax._numerics import norm, rotate
-from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, Vector3, as_float_array
+from shadowjax._types import Array, ArrayLike, DType, Float, Points, Scalar, Vector3, as_float_array
 from shadowjax.geometry.origin import ZERO, to_local
 from shadowjax.geometry.transforms import angle_between_lines, unit, view_frame
 
@@ -44,7 +44,7 @@ class Camera(Checked):
         near: ArrayLike,
         far: ArrayLike,
         aspect: ArrayLike = 1.0,
-        dtype: Any = None,
+        dtype: DType | None = None,
         origin: Any = ZERO,
     ) -> "Camera":
         """Camera at `position` that looks at `target`.

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from shadowjax._checked import Checked
 from shadowjax._checks import POSITIVE, require, require_finite, require_value
 from shadowjax._numerics import dot, norm, normalize, safe_divide
-from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, Vector3, as_float_array
+from shadowjax._types import Array, ArrayLike, DType, Float, Points, Scalar, Vector3, as_float_array
 from shadowjax.geometry.light_space import DirectionalSpace, LightSpace, OctahedralSpace, PerspectiveSpace
 from shadowjax.geometry.origin import ZERO, to_local
 from shadowjax.geometry.transforms import any_perpendicular, light_frame, view_frame
@@ -89,13 +89,13 @@ class Light(Checked):
         """1 where the light shines at all, 0 elsewhere (outside a spot's cone), with a soft rim if it has one."""
 
 
-def _direction(value: ArrayLike, name: str, dtype: Any) -> Vector3:
+def _direction(value: ArrayLike, name: str, dtype: DType | None) -> Vector3:
     vector = require_finite(as_float_array(value, dtype), name)
     require(vector.shape == (3,), f"{name} must have shape (3,); got {vector.shape}")
     return normalize(require_value(vector, norm(vector) > 0, f"{name} must not be the zero vector"))
 
 
-def _position(value: ArrayLike, name: str, dtype: Any) -> Vector3:
+def _position(value: ArrayLike, name: str, dtype: DType | None) -> Vector3:
     vector = require_finite(as_float_array(value, dtype), name)
     require(vector.shape == (3,), f"{name} must have shape (3,); got {vector.shape}")
     return vector
@@ -106,7 +106,7 @@ def _on_disc(middle: Vector3, axis: Vector3, offsets: Float[Array, "samples 2"])
     return middle + offsets[:, :1] * across + offsets[:, 1:] * jnp.cross(axis, across)
 
 
-def _color(value: ArrayLike, dtype: Any) -> Vector3:
+def _color(value: ArrayLike, dtype: DType | None) -> Vector3:
     color = require_finite(as_float_array(value, dtype), "light color")
     require(color.ndim == 0 or color.shape == (3,), f"light color must be a number or (3,); got {color.shape}")
     return jnp.broadcast_to(require_value(color, color >= 0, "light color must not be negative"), (3,))
@@ -128,7 +128,7 @@ class DirectionalLight(Light):
         cls,
         direction: ArrayLike | None = None,
         color: ArrayLike = 1.0,
-        dtype: Any = None,
+        dtype: DType | None = None,
         *,
         towards: ArrayLike | None = None,
     ) -> "DirectionalLight":
@@ -208,7 +208,9 @@ class PointLight(Light):
     color: Vector3
 
     @classmethod
-    def create(cls, position: ArrayLike, color: ArrayLike = 1.0, dtype: Any = None, origin: Any = ZERO) -> "PointLight":
+    def create(
+        cls, position: ArrayLike, color: ArrayLike = 1.0, dtype: DType | None = None, origin: Any = ZERO
+    ) -> "PointLight":
         """Light at `position`; in the world, where `origin` is the `Mesh.origin` of the mesh it shines on.
 
         Raises:
@@ -273,7 +275,7 @@ class SpotLight(Light):
         direction: ArrayLike,
         half_angle: ArrayLike,
         color: ArrayLike = 1.0,
-        dtype: Any = None,
+        dtype: DType | None = None,
         origin: Any = ZERO,
     ) -> "SpotLight":
         """Light at `position` that shines along `direction` into a cone of `half_angle` radians.

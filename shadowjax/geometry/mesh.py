@@ -10,7 +10,7 @@ import numpy as np
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import concrete, require, require_finite, require_value
 from shadowjax._numerics import norm, normalize, safe_divide
-from shadowjax._types import Array, ArrayLike, Float, Int, Scalar, Vector3, as_float_array
+from shadowjax._types import Array, ArrayLike, DType, Float, Int, Scalar, Vector3, as_float_array
 from shadowjax.geometry.origin import Origin, as_origin, to_local
 from shadowjax.geometry.transforms import Matrix4, transform_points
 
@@ -42,7 +42,7 @@ class Mesh(Checked):
         vertices: ArrayLike,
         faces: ArrayLike,
         face_colors: ArrayLike | None = None,
-        dtype: Any = None,
+        dtype: DType | None = None,
         origin: Any = (0.0, 0.0, 0.0),
     ) -> "Mesh":
         """Check what a user gives and make a mesh of it.

@@ -1,7 +1,6 @@
 """The six faces of a cube around a light at a place, each with a map that reaches over its edges."""
 
 import math
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,7 +8,7 @@ import numpy as np
 
 from shadowjax._checked import checked
 from shadowjax._checks import require, require_int
-from shadowjax._types import Array, Float, Int, Points
+from shadowjax._types import Array, DType, Float, Int, Points
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.light_space import PerspectiveSpace
@@ -82,7 +81,7 @@ class CubeMap(Partition):
 
 
 @checked
-def face_frames(dtype: Any) -> tuple[Float[Array, "3 3"], ...]:
+def face_frames(dtype: DType) -> tuple[Float[Array, "3 3"], ...]:
     """Right, up and forward of each face, in the order of `NAMES`: the axes of the world themselves.
 
     Args:

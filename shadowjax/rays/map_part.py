@@ -7,7 +7,7 @@ from shadowjax._numerics import dot, map_in_chunks, norm, rotate, safe_divide
 from shadowjax._types import Array, Bool, Float, Vector3
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
-from shadowjax.geometry.light_space import DirectionalSpace, LightSpace, PerspectiveSpace
+from shadowjax.geometry.light_space import LightSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.plane_map import PlaneMap, region_corners, region_sides
 from shadowjax.rays.ray_grid import RayGrid
@@ -105,7 +105,7 @@ def part_on_map(space: LightSpace, plane_map: PlaneMap, mesh: Mesh) -> tuple[Vec
 
 
 def _cut(
-    space: DirectionalSpace | PerspectiveSpace,
+    space: LightSpace,
     border: Float[Array, "4 2"],
     sides: Float[Array, "4 3"],
     triangles: Corners,

@@ -1,13 +1,12 @@
 """Bijections between a region of a light's plane and the unit square of a map; Box, the affine one; bands of a map."""
 
 from abc import abstractmethod
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 
 from shadowjax._checked import Checked, checked
-from shadowjax._types import Array, Bool, Float, Scalar, Vector2
+from shadowjax._types import Array, Bool, DType, Float, Scalar, Vector2
 
 PlanePoints = Float[Array, "*points 2"]
 
@@ -106,7 +105,7 @@ def affine_box(plane_map: PlaneMap) -> Box | None:
 
 
 @checked
-def region_corners(plane_map: PlaneMap, dtype: Any) -> Float[Array, "4 2"]:
+def region_corners(plane_map: PlaneMap, dtype: DType) -> Float[Array, "4 2"]:
     """Plane positions of the corners of the unit square, in order round it."""
     return plane_map.inverse(jnp.asarray([[0, 0], [1, 0], [1, 1], [0, 1]], dtype))
 

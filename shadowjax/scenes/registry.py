@@ -1,11 +1,10 @@
 """The registry of built-in scenes: one small file a family."""
 
 import difflib
-from typing import Any
 
 from shadowjax._checked import checked
 from shadowjax._checks import require, require_int
-from shadowjax._types import astype
+from shadowjax._types import DType, astype
 from shadowjax.scenes import (
     avenue,
     cad_assembly,
@@ -51,7 +50,7 @@ def family(name: str) -> SceneFamily:
 
 
 @checked
-def make_scene(name: str, num_triangles: int | None = None, dtype: Any = None) -> Scene:
+def make_scene(name: str, num_triangles: int | None = None, dtype: DType | None = None) -> Scene:
     """Build a scene of the registry; the same arguments always give the same scene.
 
     Args:

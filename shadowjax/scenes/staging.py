@@ -9,6 +9,7 @@ import numpy as np
 
 from shadowjax._checked import checked
 from shadowjax._checks import require, require_choice
+from shadowjax._types import DType
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import DirectionalLight, Light, PointLight, SpotLight
 from shadowjax.geometry.mesh import Mesh
@@ -109,7 +110,7 @@ def _ground(points: np.ndarray, height: float, size: float, like: Mesh) -> Mesh:
 
 
 @checked
-def frame(points: np.ndarray, everything: np.ndarray, dtype: object = None) -> Camera:
+def frame(points: np.ndarray, everything: np.ndarray, dtype: DType | None = None) -> Camera:
     """Three-quarter view that holds `points` as large as they go, near and far close round `everything`.
 
     Args:

@@ -1,7 +1,6 @@
 """Where filters break: largest exponents, ringing, light bleeding of two occluders, rounding of moments; with twins."""
 
 import math
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,14 +8,14 @@ from scipy.special import sici
 
 from shadowjax._checked import checked
 from shadowjax._checks import require, require_int
-from shadowjax._types import Array, ArrayLike, Float
+from shadowjax._types import Array, ArrayLike, DType, Float
 
 # --- exponents ------------------------------------------------------------------------------------------------------
 
 
 @checked
 def largest_exponent(
-    dtype: Any, num_moments: int = 1, kernel_size: int = 1, largest_depth: float = 1.0, normalised: bool = True
+    dtype: DType, num_moments: int = 1, kernel_size: int = 1, largest_depth: float = 1.0, normalised: bool = True
 ) -> float:
     """Largest c for which exp(c·z) and its powers stay finite while a K × K kernel filters them.
 
@@ -43,7 +42,7 @@ def largest_exponent(
 
 
 @checked
-def largest_receiver_exponent(dtype: Any, largest_depth: float = 1.0, subnormal: bool = False) -> float:
+def largest_receiver_exponent(dtype: DType, largest_depth: float = 1.0, subnormal: bool = False) -> float:
     """Largest c for which the receiver's factor exp(−c·d) keeps all its digits at the largest depth.
 
     Args:
@@ -61,7 +60,7 @@ def largest_receiver_exponent(dtype: Any, largest_depth: float = 1.0, subnormal:
 
 @checked
 def measured_exponent(
-    dtype: Any, num_moments: int = 1, kernel_size: int = 1, largest_depth: float = 1.0, normalised: bool = True
+    dtype: DType, num_moments: int = 1, kernel_size: int = 1, largest_depth: float = 1.0, normalised: bool = True
 ) -> float:
     """`largest_exponent` found by bisection: the map is made, raised to the moment and filtered in its own dtype."""
     kind = np.dtype(jnp.dtype(dtype))
@@ -230,7 +229,7 @@ def least_bleed_clamp(spread: float, share: float | None = None) -> float:
 
 
 @checked
-def smallest_deviation(mean: float, dtype: Any) -> float:
+def smallest_deviation(mean: float, dtype: DType) -> float:
     """Standard deviation of depth below which E[z²] − E[z]² is rounding: about |μ|·√ε.
 
     Args:
@@ -245,7 +244,7 @@ def smallest_deviation(mean: float, dtype: Any) -> float:
 
 
 @checked
-def measured_deviation(mean: float, dtype: Any, num_pairs: int = 4096) -> float:
+def measured_deviation(mean: float, dtype: DType, num_pairs: int = 4096) -> float:
     """`smallest_deviation`, measured: root mean square error of the variance of two-point sets, as a deviation.
 
     Args:

@@ -11,7 +11,7 @@ import numpy as np
 
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int
-from shadowjax._types import Array, Bool, Float, Int, Vector3, default_dtype
+from shadowjax._types import Array, Bool, DType, Float, Int, Vector3, default_dtype
 from shadowjax.geometry.edges import welded
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
@@ -236,7 +236,7 @@ def _planes(points: np.ndarray, rings: list[list[int]], tolerance: float) -> tup
     return np.concatenate([unit, offset[:, None]], axis=1), np.flatnonzero(flat)
 
 
-def _packed(grown: Grown, cutter: Cutter, dropped: tuple[int, ...], dtype: Any) -> BspTree:
+def _packed(grown: Grown, cutter: Cutter, dropped: tuple[int, ...], dtype: DType) -> BspTree:
     """The arrays of a grown tree, pieces sorted by node and, within a node, as the input was."""
     node, source = np.array(grown.nodes), np.array(grown.sources)
     order = np.lexsort((source, node))

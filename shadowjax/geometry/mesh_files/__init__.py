@@ -15,14 +15,13 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from shadowjax._checked import checked
 from shadowjax._checks import require
-from shadowjax._types import default_dtype
+from shadowjax._types import DType, default_dtype
 from shadowjax.geometry.mesh import DEFAULT_ALBEDO, Mesh
 from shadowjax.geometry.mesh_files.gltf import read_gltf
 from shadowjax.geometry.mesh_files.obj import read_obj
@@ -49,7 +48,7 @@ _NO_AREA = 1e-12
 
 
 @checked
-def load(path: str | Path, dtype: Any = None) -> Mesh:
+def load(path: str | Path, dtype: DType | None = None) -> Mesh:
     """Read a mesh file: .glb, .gltf, .obj, .off, .ply, .stl, or a .zip of such; .3mf and .dae with an extra.
 
     A scene graph is merged into one mesh with the transforms of its nodes. Colours come from the file where it has
@@ -133,7 +132,7 @@ def _read_archive(data: bytes) -> Reading:
     return whole
 
 
-def _mesh(vertices: np.ndarray, faces: np.ndarray, colors: np.ndarray, dtype: Any) -> Mesh:
+def _mesh(vertices: np.ndarray, faces: np.ndarray, colors: np.ndarray, dtype: DType | None) -> Mesh:
     """The mesh about its origin, if it has an area and fits the dtype."""
     dtype = jnp.dtype(default_dtype() if dtype is None else dtype)
     lower, upper = vertices.min(axis=0), vertices.max(axis=0)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require_choice, require_finite, require_value
 from shadowjax._numerics import larger
-from shadowjax._types import Array, ArrayLike, Float, as_float_array
+from shadowjax._types import Array, ArrayLike, DType, Float, as_float_array
 
 Section = Literal["axis", "whole"]
 SECTIONS: tuple[Section, ...] = ("axis", "whole")
@@ -174,7 +174,7 @@ class LightFrustum(Checked):
 
 
 @checked
-def strength_of(near_distance: ArrayLike, dtype: object = None) -> Float[Array, "..."]:
+def strength_of(near_distance: ArrayLike, dtype: DType | None = None) -> Float[Array, "..."]:
     """1/n', the number by which a perspective warp bends; 0 is the uniform map.
 
     Raises:
