@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from shadowjax._types import Array, Float
-from shadowjax.filters.base import Lookup
 from shadowjax.filters.multi_depth import max_neighbour, single
 from shadowjax.filters.pcf import percentage_closer
 from shadowjax.theory.cost import count_build_fetches, count_lookup_fetches, dependence
@@ -25,9 +24,8 @@ def lookup_fragments(planes: Float[Array, "n rows cols"], first: Array, count: i
     index = (first + jnp.arange(count, dtype=jnp.int32)) % (rows * cols)
     # A little off the texels' middles, as pixels of a camera would be.
     x, y = (index % cols).astype(jnp.float32) + 0.7, (index // cols).astype(jnp.float32) + 0.6
-    one = jnp.ones((), jnp.float32)
-    lookup = Lookup(jnp.stack([x, y], -1), jnp.full(count, RECEIVER, jnp.float32), jnp.zeros_like(one), one, "clamp")
-    return percentage_closer(planes, lookup, kernel_size)
+    depth = jnp.full(count, RECEIVER, jnp.float32)
+    return percentage_closer(planes, jnp.stack([x, y], -1), depth, kernel_size, border="clamp")
 
 
 @partial(jax.jit, static_argnums=(2, 3))

@@ -28,7 +28,6 @@ from matplotlib.figure import Figure
 from experiments.base import Claim
 from shadowjax._checks import require, require_int
 from shadowjax._types import Array
-from shadowjax.filters.base import Lookup
 from shadowjax.filters.pcf import percentage_closer
 from shadowjax.plotting import PALETTE, label, new_figure, series_style, styled
 from shadowjax.theory.tones import count_sums, count_tones, max_tones, nominal_tones
@@ -96,14 +95,15 @@ def filtered_tones(kernel_size: int, num_depths: int) -> int:
     num_windows = planes.shape[-1] // kernel_size
     x = kernel_size * (np.arange(num_windows) + 0.5)
     position = jnp.asarray(np.stack([x, np.full_like(x, kernel_size / 2)], -1), jnp.float32)
-    one = jnp.ones((), jnp.float32)
-    lookup = Lookup(position, jnp.ones(num_windows, jnp.float32), jnp.zeros_like(one), one, "clamp")
-    return count_tones(_filtered(planes, lookup, kernel_size))
+    return count_tones(_filtered(planes, position, kernel_size))
 
 
 @partial(jax.jit, static_argnums=2)
-def _filtered(planes: Float[Array, "n rows cols"], lookup: Lookup, kernel_size: int) -> Float[Array, "windows"]:
-    return percentage_closer(planes, lookup, kernel_size)
+def _filtered(
+    planes: Float[Array, "n rows cols"], position: Float[Array, "windows 2"], kernel_size: int
+) -> Float[Array, "windows"]:
+    depth = jnp.ones(position.shape[0], position.dtype)
+    return percentage_closer(planes, position, depth, kernel_size, border="clamp")
 
 
 def run(config: Config) -> Result:

@@ -1,6 +1,7 @@
 from . import bias as bias
 from . import evaluate as evaluate
 from . import filters as filters
+from . import functional as functional
 from . import geometry as geometry
 from . import io as io
 from . import ledger as ledger
@@ -34,15 +35,8 @@ from .filters.multi_depth import MultiDepth as MultiDepth
 from .filters.multi_depth import Neighbourhood as Neighbourhood
 from .filters.multi_depth import Ring as Ring
 from .filters.multi_depth import StochasticNeighbour as StochasticNeighbour
-from .filters.multi_depth import composite_attenuation as composite_attenuation
-from .filters.multi_depth import max_neighbour as max_neighbour
-from .filters.multi_depth import min_max_neighbours as min_max_neighbours
-from .filters.multi_depth import min_neighbour as min_neighbour
-from .filters.multi_depth import ring as ring
 from .filters.pcf import BilinearPercentageCloser as BilinearPercentageCloser
 from .filters.pcf import PercentageCloser as PercentageCloser
-from .filters.pcf import bilinear_percentage_closer as bilinear_percentage_closer
-from .filters.pcf import percentage_closer as percentage_closer
 from .filters.pcss import ContactHardening as ContactHardening
 from .filters.prefilter import Prefilter as Prefilter
 from .filters.variance import Variance as Variance

@@ -5,9 +5,34 @@ from typing import Any, ClassVar
 
 import equinox as eqx
 
-from shadowjax._checked import Checked
+from shadowjax._checked import Checked, checked
 from shadowjax._types import Array, Float, Int
 from shadowjax.maps.shadow_map import ShadowMap
+
+
+@checked
+def depth_at_texel(
+    position: Float[Array, "*points 2"],
+    depth: Float[Array, "*points"],
+    gradient: Float[Array, "*points 2"] | None,
+    col: Int[Array, "*points"],
+    row: Int[Array, "*points"],
+) -> Float[Array, "*points"]:
+    """Depth that a texel is tested against: the receiver's, or its own plane's at the texel's centre.
+
+    Args:
+        position: (x, y) of receivers in texels, centres at +½.
+        depth: Their distances along the light ray, world units.
+        gradient: Change of each receiver's plane in depth over one texel along x and along y, world units; None tests
+            every texel against the receiver's depth.
+        col: Column of the texel.
+        row: Row of the texel.
+    """
+    if gradient is None:
+        return depth
+    x = col.astype(depth.dtype) + 0.5 - position[..., 0]
+    y = row.astype(depth.dtype) + 0.5 - position[..., 1]
+    return depth + gradient[..., 0] * x + gradient[..., 1] * y
 
 
 class Lookup(Checked):
@@ -37,11 +62,7 @@ class Lookup(Checked):
 
     def depth_at(self, col: Int[Array, "*points"], row: Int[Array, "*points"]) -> Float[Array, "*points"]:
         """Depth that a texel is tested against: the receiver's, or its plane's at the texel's centre."""
-        if self.gradient is None:
-            return self.depth
-        x = col.astype(self.depth.dtype) + 0.5 - self.position[..., 0]
-        y = row.astype(self.depth.dtype) + 0.5 - self.position[..., 1]
-        return self.depth + self.gradient[..., 0] * x + self.gradient[..., 1] * y
+        return depth_at_texel(self.position, self.depth, self.gradient, col, row)
 
 
 class Filter(Checked):

@@ -98,6 +98,79 @@ def fourier_step(difference: Numbers, num_terms: int, damping: float = 0.0) -> N
     return total
 
 
+@checked
+def depth_squeeze(terms: int, offset: float = 0.0) -> float:
+    """Factor on depths that keeps |z − d| below 1 − 1/(2M), where the periodic series starts to fall back.
+
+    Args:
+        terms: M ≥ 1.
+        offset: By how much receivers are moved towards the light, parts of the range, in [0, 1).
+    """
+    return (1 - 1 / (2 * terms)) / (1 + offset)
+
+
+def _series_depth(depth: Numbers, terms: int, offset: float) -> Numbers:
+    """Depth at which the series is evaluated: in the range, since the series repeats beyond it."""
+    return depth_squeeze(terms, offset) * (jnp.clip(depth, 0.0, 1.0) - offset)
+
+
+def _finished(series: Numbers, scale: float) -> Numbers:
+    """The series scaled and clamped."""
+    return jnp.clip(scale * series, 0.0, 1.0)
+
+
+@checked
+def encode_convolution(
+    depth: Float[Array, "rows cols"], terms: int = 16, offset: float = 0.0
+) -> Float[Array, "n rows cols"]:
+    """What a convolution shadow map stores: 2M basis images, to be averaged.
+
+    Args:
+        depth: Parts of the map's range, [0, 1] (`unit_depth`).
+        terms: M ≥ 1.
+        offset: By how much receivers are moved towards the light, parts of the range, in [0, 1).
+    """
+    return fourier_bases(depth_squeeze(terms, offset) * depth, terms)
+
+
+@checked
+def decode_convolution(
+    values: Values, depth: Numbers, damping: float = 1.0, offset: float = 0.0, scale: float = 2.0
+) -> Numbers:
+    """Visibility from averaged basis images: their series, scaled and clamped.
+
+    Args:
+        values: The 2M bases at each receiver.
+        depth: Receivers' depth in the same range, less the bias.
+        damping: α ≥ 0, which trades ringing for a wider step; a number of Python.
+        offset: As stored.
+        scale: Factor on the series before it is clamped to [0, 1]; 2 makes surfaces, where the series is ½, fully lit.
+
+    Source: filtering, eqs 2.15 to 2.18.
+    """
+    where = _series_depth(depth, len(values) // 2, offset)
+    return _finished(fourier_visibility(values, where, damping), scale)
+
+
+@checked
+def encode_mean_depth(
+    depth: Float[Array, "rows cols"], terms: int = 16, offset: float = 0.0
+) -> Float[Array, "1 rows cols"]:
+    """What XCSM stores: the depth itself, to be averaged. Arguments as of `encode_convolution`."""
+    return depth_squeeze(terms, offset) * depth[None]
+
+
+@checked
+def decode_mean_depth(
+    values: Values, depth: Numbers, terms: int = 16, damping: float = 1.0, offset: float = 0.0, scale: float = 2.0
+) -> Numbers:
+    """The series at the mean depth, scaled and clamped. Arguments as of `decode_convolution`; M is given.
+
+    Source: filtering, sections 2.4.3 and 3.2.
+    """
+    return _finished(fourier_step(values[0] - _series_depth(depth, terms, offset), terms, damping), scale)
+
+
 class FourierStep(Checked):
     """The reconstructed step and how its faults are hidden.
 
@@ -121,16 +194,8 @@ class FourierStep(Checked):
 
     @property
     def squeeze(self) -> float:
-        """Factor on depths that keeps |z − d| below 1 − 1/(2M), where the periodic series starts to fall back."""
-        return (1 - 1 / (2 * self.terms)) / (1 + self.offset)
-
-    def receiver(self, depth: Numbers) -> Numbers:
-        """Depth at which the series is evaluated: in the range, since the series repeats beyond it."""
-        return self.squeeze * (jnp.clip(depth, 0.0, 1.0) - self.offset)
-
-    def finish(self, series: Numbers) -> Numbers:
-        """Scaled and clamped."""
-        return jnp.clip(self.scale * series, 0.0, 1.0)
+        """Factor on depths (`depth_squeeze`)."""
+        return depth_squeeze(self.terms, self.offset)
 
 
 class Convolution(Prefiltered):
@@ -146,11 +211,11 @@ class Convolution(Prefiltered):
 
     def encode(self, depth: Float[Array, "rows cols"]) -> Float[Array, "n rows cols"]:
         """The 2M basis images."""
-        return fourier_bases(self.step.squeeze * depth, self.step.terms)
+        return encode_convolution(depth, self.step.terms, self.step.offset)
 
     def decode(self, values: Values, depth: Numbers) -> Numbers:
         """The series of the averaged bases."""
-        return self.step.finish(fourier_visibility(values, self.step.receiver(depth), self.step.damping))
+        return decode_convolution(values, depth, self.step.damping, self.step.offset, self.step.scale)
 
     @property
     def num_planes(self) -> int:
@@ -181,12 +246,12 @@ class MeanDepthConvolution(Prefiltered):
 
     def encode(self, depth: Float[Array, "rows cols"]) -> Float[Array, "n rows cols"]:
         """The depth."""
-        return self.step.squeeze * depth[None]
+        return encode_mean_depth(depth, self.step.terms, self.step.offset)
 
     def decode(self, values: Values, depth: Numbers) -> Numbers:
         """The series at the mean depth."""
-        series = fourier_step(values[0] - self.step.receiver(depth), self.step.terms, self.step.damping)
-        return self.step.finish(series)
+        step = self.step
+        return decode_mean_depth(values, depth, step.terms, step.damping, step.offset, step.scale)
 
     @property
     def num_planes(self) -> int:

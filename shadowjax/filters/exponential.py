@@ -6,14 +6,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from shadowjax._checked import Checked, checked
-from shadowjax._checks import POSITIVE, require, require_choice, require_finite, require_int, require_number
+from shadowjax._checks import POSITIVE, concrete, require, require_choice, require_finite, require_int, require_number
 from shadowjax._types import Array, DType, Float
 from shadowjax.filters.base import Filter, Lookup
-from shadowjax.filters.pcf import bilinear_percentage_closer
+from shadowjax.filters.pcf import percentage_closer_of
 from shadowjax.filters.prefilter import DepthRange, Prefilter
-from shadowjax.maps.blur import extend, kernel_radius
+from shadowjax.filters.prefiltered import Values
+from shadowjax.maps.blur import Weights, extend, kernel_radius
 from shadowjax.maps.sampling import is_outside, read_nearest
 from shadowjax.maps.shadow_map import ShadowMap
+
+Numbers = Float[Array, "*points"]
 
 SPACES = ("log", "linear")
 FALLBACKS = ("none", "threshold", "z-max")
@@ -51,7 +54,7 @@ def exponential_test(
 
 
 @checked
-def blur_exponents(exponents: Float[Array, "more_rows more_cols"], weights: np.ndarray) -> Float[Array, "rows cols"]:
+def blur_exponents(exponents: Float[Array, "more_rows more_cols"], weights: Weights) -> Float[Array, "rows cols"]:
     """ln of the weighted mean of e^x, along both axes: the blur of e^(cz) for any c, since only differences are raised.
 
     Args:
@@ -74,6 +77,49 @@ def blur_exponents(exponents: Float[Array, "more_rows more_cols"], weights: np.n
             total = total + jnp.exp(part - top) * jnp.asarray(weight, top.dtype)
         exponents = jax.lax.optimization_barrier(top + jnp.log(total))
     return exponents
+
+
+@checked
+def encode_exponential(
+    depth: Float[Array, "rows cols"], exponent: float = 80.0, space: str = "linear"
+) -> Float[Array, "1 rows cols"]:
+    """What an exponential shadow map stores: e^(cz), to be averaged; or its logarithm, for `blur_exponents`.
+
+    Args:
+        depth: Parts of the map's range, [0, 1] (`unit_depth`).
+        exponent: c > 0.
+        space: "linear", where e^c must fit the dtype, or "log".
+
+    Raises:
+        ValueError: If the exponent is known and overflows the dtype, or the space is unknown.
+    """
+    exponents = (exponent * depth)[None]
+    if require_choice(space, "space", SPACES) == "log":
+        return exponents
+    if concrete(exponent) is not None:
+        check_exponent(exponent, depth.dtype)
+    return jnp.exp(exponents)
+
+
+@checked
+def decode_exponential(values: Values, depth: Numbers, exponent: float = 80.0, space: str = "linear") -> Numbers:
+    """Visibility from averaged exponentials: the mean test e^(−cd)·E[e^(cz)], at most 1.
+
+    Args:
+        values: What the map stores, at each receiver. Logarithms may be read from one texel, not averaged.
+        depth: Receivers' depth in the same range, less the bias.
+        exponent: c, as stored.
+        space: As stored.
+    """
+    # Receivers before every stored depth are lit as well as those on the nearest.
+    depth = jnp.maximum(depth, 0.0)
+    is_log = require_choice(space, "space", SPACES) == "log"
+    return jnp.minimum(_limited_test(values[0] if is_log else jnp.log(values[0]), depth, exponent), 1.0)
+
+
+def _limited_test(log_mean: Array, depth: Array, exponent: float) -> Array:
+    """E[e^(c(z−d))], exact up to e^`VIOLATION_LIMIT`: the product may overflow where a factor does not."""
+    return jnp.exp(jnp.minimum(log_mean - exponent * depth, VIOLATION_LIMIT))
 
 
 class ExponentialMap(Checked):
@@ -146,15 +192,13 @@ class Exponential(Filter):
         return self._prepared(shadow_map.depth, shadow_map.grid.far, shadow_map.border)
 
     def _prepared(self, depth: Float[Array, "rows cols"], far: Array | None, border: str) -> ExponentialMap:
-        if self.space == "linear":
-            check_exponent(self.exponent, depth.dtype)
         depth_range = DepthRange.of(depth, far)
         unit = extend(depth_range.to_unit(depth), self.prefilter.radius, border, jnp.ones((), depth.dtype))
-        exponents = self.exponent * unit
+        encoded = encode_exponential(unit, self.exponent, self.space)
         if self.space == "log":
-            stored = blur_exponents(exponents, self.prefilter.weights)[None]
+            stored = blur_exponents(encoded[0], self.prefilter.weights)[None]
         else:
-            stored = self.prefilter.prepare(jnp.exp(exponents)[None])
+            stored = self.prefilter.prepare(encoded)
         farthest = None
         if self.fallback == "z-max":
             # Bilinear taps lie up to a texel from the receiver's own.
@@ -176,7 +220,7 @@ class Exponential(Filter):
                 fails = mean > 1 + self.threshold
             else:
                 fails = read_nearest(planes.farthest, lookup.position, _inner(lookup.border))[0] > depth
-            value = jnp.where(fails, bilinear_percentage_closer(planes.depth, lookup, self.fallback_size), value)
+            value = jnp.where(fails, percentage_closer_of(planes.depth, lookup, self.fallback_size, "bilinear"), value)
         if lookup.border != "lit":
             return value
         outside = is_outside(lookup.position, *planes.exponential.shape[-2:])
@@ -186,11 +230,10 @@ class Exponential(Filter):
         """w ∗ e^(c(z−d)) at each receiver, exact up to e^`VIOLATION_LIMIT`."""
         if self.space == "linear":
             stored = self.prefilter.read(planes.exponential, lookup)[0]
-            # The product may overflow where a factor does not; its logarithm is limited instead.
-            return jnp.exp(jnp.minimum(jnp.log(stored) - self.exponent * depth, VIOLATION_LIMIT))
+            return _limited_test(jnp.log(stored), depth, self.exponent)
 
         def test(stored: Array) -> Array:
-            return jnp.exp(jnp.minimum(stored - self.exponent * depth, VIOLATION_LIMIT))
+            return _limited_test(stored, depth, self.exponent)
 
         return self.prefilter.read(planes.exponential, lookup, test)[0]
 

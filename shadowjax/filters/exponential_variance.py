@@ -25,7 +25,7 @@ def warp_depth(depth: Float[Array, "*shape"], exponent: float) -> Float[Array, "
     Source: Lauritzen and McCool 2008, "Layered Variance Shadow Maps", section 7; c₋ with its sign.
     """
     warped = jnp.exp(exponent * (2 * depth - 1))
-    return warped if exponent > 0 else -warped
+    return jnp.where(jnp.asarray(exponent) > 0, warped, -warped)
 
 
 @checked
@@ -62,6 +62,56 @@ def warped_bound(values: Values, depth: Numbers, exponent: float, min_variance: 
     variance = jnp.maximum(jnp.where(behind, square - mean * mean, least), least)
     bound = _chebyshev(jnp.where(behind, mean, receiver) / unit, variance / unit / unit, receiver / unit)
     return jnp.where(behind, bound, jnp.ones_like(bound))
+
+
+@checked
+def encode_exponential_variance(
+    depth: Float[Array, "rows cols"],
+    positive: float = 40.0,
+    negative: float | None = 5.0,
+    footprint: float = 0.25,
+    slope_limit: float = 0.05,
+) -> Float[Array, "n rows cols"]:
+    """What an exponential variance shadow map stores: two moments of each warp, to be averaged.
+
+    Args:
+        depth: Parts of the map's range, [0, 1] (`unit_depth`).
+        positive: c₊ > 0; 2c₊ must fit the dtype (below 44.36 in float32).
+        negative: c₋ > 0, the magnitude of the second warp's exponent; None for two moments only.
+        footprint: E[x²] of a texel's footprint, texels², ≥ 0 (`depth_moments`).
+        slope_limit: Largest slope that counts in it, parts of the range per texel, ≥ 0.
+    """
+    exponents = (positive,) if negative is None else (positive, -negative)
+    return jnp.concatenate([warped_moments(depth, exponent, footprint, slope_limit) for exponent in exponents])
+
+
+@checked
+def decode_exponential_variance(
+    values: Values,
+    depth: Numbers,
+    positive: float = 40.0,
+    negative: float | None = 5.0,
+    min_variance: float = 1e-6,
+    bleed_low: float = 0.0,
+    bleed_high: float = 1.0,
+) -> Numbers:
+    """Visibility from averaged moments of warped depths: the smallest of the warps' bounds, its low end cut.
+
+    Args:
+        values: The two or four moments at each receiver.
+        depth: Receivers' depth in the same range, less the bias.
+        positive: c₊, as stored.
+        negative: c₋, as stored.
+        min_variance: Least variance of depth, in squares of the range, ≥ 0.
+        bleed_low: Bound that becomes 0, in [0, 1).
+        bleed_high: Bound that becomes 1, in (bleed_low, 1].
+    """
+    # Nothing is stored outside [0, 1]: receivers before it are lit as at 0, those behind it as dark as at 1.
+    depth = jnp.clip(depth, 0.0, 1.0)
+    bound = warped_bound(values[:2], depth, positive, min_variance)
+    if negative is not None:
+        bound = jnp.minimum(bound, warped_bound(values[2:], depth, -negative, min_variance))
+    return linear_step(bound, bleed_low, bleed_high)
 
 
 class ExponentialVariance(Prefiltered):
@@ -108,17 +158,12 @@ class ExponentialVariance(Prefiltered):
 
     def encode(self, depth: Float[Array, "rows cols"]) -> Float[Array, "n rows cols"]:
         """Two moments of each warp."""
-        moments = [warped_moments(depth, c, self.footprint, self.slope_limit) for c in self.exponents]
-        return jnp.concatenate(moments)
+        return encode_exponential_variance(depth, self.positive, self.negative, self.footprint, self.slope_limit)
 
     def decode(self, values: Values, depth: Numbers) -> Numbers:
         """The smallest of the warps' bounds, its low end cut."""
-        # Nothing is stored outside [0, 1]: receivers before it are lit as at 0, those behind it as dark as at 1.
-        depth = jnp.clip(depth, 0.0, 1.0)
-        bound = warped_bound(values[:2], depth, self.exponents[0], self.min_variance)
-        if self.negative is not None:
-            bound = jnp.minimum(bound, warped_bound(values[2:], depth, self.exponents[1], self.min_variance))
-        return linear_step(bound, self.bleed_low, self.bleed_high)
+        exponents, bleed = (self.positive, self.negative), (self.bleed_low, self.bleed_high)
+        return decode_exponential_variance(values, depth, *exponents, self.min_variance, *bleed)
 
     @property
     def num_planes(self) -> int:

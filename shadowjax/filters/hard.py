@@ -1,4 +1,6 @@
-"""The hard shadow test: one texel, one comparison."""
+"""The shadow test: one comparison; several of one texel, counted: the composite test; and the filter of one texel."""
+
+import jax.numpy as jnp
 
 from shadowjax._checked import checked
 from shadowjax._types import Array, Bool, Float
@@ -22,6 +24,30 @@ def is_lit(
     Source: filtering, eq. 2.1 (lit iff d ≤ z); mdsm, section 4.4 (1-TS).
     """
     return receiver_depth - bias <= stored_depth
+
+
+@checked
+def composite_test(
+    planes_at_texel: Float[Array, "n *points"],
+    depth: Float[Array, "*points"],
+    bias: Float[Array, "*#points"] | float = 0.0,
+) -> Float[Array, "*points"]:
+    """The composite shadow test: visibility by the fraction of a texel's n depths that leave the receiver lit.
+
+    1 is lit and 0 is in shadow, as figure 4.19 computes it; the attenuation s/n of section 4.2 is 1 minus this.
+
+    Args:
+        planes_at_texel: The n depths of the texel that each receiver reads, world units.
+        depth: Receiver's distance along the light ray, world units.
+        bias: Depth forgiven, world units.
+
+    Returns:
+        Visibility in {0, 1/n, …, 1}, without gradient.
+
+    Source: mdsm, section 4.4.
+    """
+    lit = is_lit(planes_at_texel, depth, bias)
+    return jnp.sum(lit, axis=0).astype(planes_at_texel.dtype) / planes_at_texel.shape[0]
 
 
 class Hard(Filter):

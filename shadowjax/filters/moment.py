@@ -90,6 +90,41 @@ def hausdorff_visibility(moments: Values, depth: Numbers) -> Numbers:
     return 1 - jnp.where(inside, three, four)
 
 
+@checked
+def encode_moments(depth: Float[Array, "rows cols"]) -> Float[Array, "4 rows cols"]:
+    """What a moment shadow map stores: four powers of depths moved to [−1, 1], to be averaged.
+
+    Args:
+        depth: Parts of the map's range, [0, 1] (`unit_depth`).
+    """
+    return power_moments(2 * depth - 1)
+
+
+@checked
+def decode_moments(
+    values: Values,
+    depth: Numbers,
+    problem: str = "hamburger",
+    moment_bias: float = 3e-6,
+    bleed_low: float = 0.0,
+    bleed_high: float = 1.0,
+) -> Numbers:
+    """Visibility from four averaged moments: the bound, its low end cut.
+
+    Args:
+        values: The four moments at each receiver.
+        depth: Receivers' depth in the map's range, [0, 1], less the bias.
+        problem: "hamburger" knows the moments alone; "hausdorff" also that depths lie in the range, which is darker.
+        moment_bias: α in [0, 1): share of the ends of the range mixed in against rounding (`bias_moments`).
+        bleed_low: Bound that becomes 0, in [0, 1).
+        bleed_high: Bound that becomes 1, in (bleed_low, 1].
+    """
+    require_choice(problem, "problem", PROBLEMS)
+    bound = {"hamburger": hamburger_visibility, "hausdorff": hausdorff_visibility}[problem]
+    visibility = bound(bias_moments(values, moment_bias), jnp.clip(2 * depth - 1, -1.0, 1.0))
+    return linear_step(visibility, bleed_low, bleed_high)
+
+
 class _Point(NamedTuple):
     """A depth as a ratio whose lower part is ≥ 0: 0 stands for a point at infinity, which weighs nothing."""
 
@@ -210,13 +245,11 @@ class Moments(Prefiltered):
 
     def encode(self, depth: Float[Array, "rows cols"]) -> Float[Array, "n rows cols"]:
         """Four powers."""
-        return power_moments(2 * depth - 1)
+        return encode_moments(depth)
 
     def decode(self, values: Values, depth: Numbers) -> Numbers:
         """The bound, its low end cut."""
-        bound = {"hamburger": hamburger_visibility, "hausdorff": hausdorff_visibility}[self.problem]
-        visibility = bound(bias_moments(values, self.moment_bias), jnp.clip(2 * depth - 1, -1.0, 1.0))
-        return linear_step(visibility, self.bleed_low, self.bleed_high)
+        return decode_moments(values, depth, self.problem, self.moment_bias, self.bleed_low, self.bleed_high)
 
     @property
     def num_planes(self) -> int:

@@ -13,8 +13,7 @@ from shadowjax._checked import Checked, checked
 from shadowjax._checks import AT_LEAST_ONE, require, require_choice, require_int
 from shadowjax._types import Array, Float
 from shadowjax.filters.base import Filter, Lookup
-from shadowjax.filters.hard import is_lit
-from shadowjax.filters.pcf import percentage_closer
+from shadowjax.filters.pcf import percentage_closer_of
 
 Depth = Float[Array, "rows cols"]
 Planes = Float[Array, "n rows cols"]
@@ -149,27 +148,6 @@ def stochastic_neighbour(depth: Depth, key: Array, size: int = 3) -> Planes:
     for index, cell in enumerate(cells):
         drawn = jnp.where(choice == index, shifted(depth, *cell), drawn)
     return jnp.stack([depth, drawn])
-
-
-@checked
-def composite_attenuation(
-    stored_depths: Float[Array, "n *points"],
-    receiver_depth: Float[Array, "*points"],
-    bias: Float[Array, "*#points"] | float = 0.0,
-) -> Float[Array, "*points"]:
-    """The composite shadow test n-TS = s/n: the fraction of the n depths that shadow the receiver.
-
-    0 is lit and 1 is in shadow, as in section 4.2; visibility is 1 minus this (figure 4.19 computes the latter).
-
-    Args:
-        stored_depths: The n depths of the texel, world units.
-        receiver_depth: Receiver's distance along the light ray, world units.
-        bias: Depth forgiven, world units.
-
-    Source: mdsm, section 4.4.
-    """
-    lit = is_lit(stored_depths, receiver_depth, bias)
-    return jnp.sum(~lit, axis=0).astype(stored_depths.dtype) / stored_depths.shape[0]
 
 
 class DepthPolicy(Checked):
@@ -386,7 +364,7 @@ class MultiDepth(Filter):
     def visibility(self, planes: Planes, lookup: Lookup) -> Float[Array, "*points"]:
         """PCF(k, n)."""
         row, col = self.policy.centroid
-        return percentage_closer(planes, lookup, self.kernel_size, shift=(-col, -row))
+        return percentage_closer_of(planes, lookup, self.kernel_size, shift=(-col, -row))
 
     @property
     def num_planes(self) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 from shadowjax._checks import require, require_finite
 from shadowjax._types import Array, ArrayLike, Float, as_float_array
 from shadowjax.filters.base import Filter, Lookup
-from shadowjax.filters.pcf import bilinear_percentage_closer
+from shadowjax.filters.pcf import percentage_closer_of
 
 
 class OffsetPercentageCloser(Filter):
@@ -50,7 +50,7 @@ class OffsetPercentageCloser(Filter):
             if lookup.gradient is not None:  # the receiver's plane where the tap is
                 depth = depth + lookup.gradient[..., 0] * offset[0] + lookup.gradient[..., 1] * offset[1]
             moved = eqx.tree_at(lambda one: (one.position, one.depth), lookup, (lookup.position + offset, depth))
-            return total + bilinear_percentage_closer(planes, moved, 1), None
+            return total + percentage_closer_of(planes, moved, 1, "bilinear"), None
 
         total, _ = jax.lax.scan(tap, jnp.zeros(lookup.depth.shape, planes.dtype), offsets)
         return total / offsets.shape[0]

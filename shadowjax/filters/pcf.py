@@ -4,11 +4,13 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from shadowjax._checked import checked
-from shadowjax._checks import came, require, require_int
+from shadowjax._checks import require, require_choice, require_int
 from shadowjax._types import Array, Float
-from shadowjax.filters.base import Filter, Lookup
+from shadowjax.filters.base import Filter, Lookup, depth_at_texel
 from shadowjax.filters.hard import is_lit
 from shadowjax.maps.sampling import bilinear_weights, read_texels, texel_index
+
+TAPS = ("nearest", "bilinear")
 
 
 @checked
@@ -23,64 +25,93 @@ def kernel_offsets(kernel_size: int) -> tuple[float, ...]:
 @checked
 def percentage_closer(
     planes: Float[Array, "n rows cols"],
-    lookup: Lookup,
-    kernel_size: int,
-    spacing: Float[Array, "*#points"] | float = 1.0,
+    position: Float[Array, "*points 2"],
+    depth: Float[Array, "*points"],
+    kernel_size: int = 3,
+    bias: Float[Array, "*#points"] | float = 0.0,
+    border: str = "lit",
+    *,
+    taps: str = "nearest",
+    width_world: Float[Array, "*#points"] | float | None = None,
+    texel_size: Float[Array, "*#points"] | float = 1.0,
     shift: tuple[float, float] = (0.0, 0.0),
+    gradient: Float[Array, "*points 2"] | None = None,
 ) -> Float[Array, "*points"]:
     """PCF(k, n): the mean, over k = K² taps of a map with n depths a texel, of the composite test's visibility.
 
     Args:
-        planes: The n depths of each texel; n = 1 for a traditional map.
-        lookup: Receivers.
+        planes: The n depths of each texel, world units; n = 1 for a traditional map.
+        position: (x, y) of receivers in texels, centres at +½.
+        depth: Receivers' distances along the light ray, world units.
         kernel_size: K, taps along an axis, ≥ 1; odd or even.
-        spacing: Distance between taps, texels.
-        shift: (x, y) by which all taps are moved, texels.
+        bias: Depth forgiven, world units.
+        border: What lies outside the map: "lit", "clamp" (the edge goes on) or "octahedral".
+        taps: "nearest" reads one texel a tap; "bilinear" mixes the test results of the four around it, as hardware
+            does, and is continuous in the receiver's position.
+        width_world: Width of the whole kernel in world units, > 0; None spaces taps one texel apart.
+        texel_size: World size of a texel at the receiver; of use with `width_world`, which is in texels where it is 1.
+        shift: (x, y) by which all taps are moved, texels: against the centroid of extra depths (`multi_depth_shift`).
+        gradient: Change of each receiver's plane in depth over one texel along x and y, world units: each texel is then
+            tested against that plane. None tests all against `depth`.
 
     Returns:
-        Visibility in {0, 1/(nk), …, 1}: nk + 1 tones at most.
+        Visibility in {0, 1/(nk), …, 1}, nk + 1 tones at most; in [0, 1] with bilinear taps. Its gradient is 0, but for
+        that of the bilinear weights in the position.
 
-    Source: filtering, eq. 2.1 and Algorithm 1; mdsm, sections 4.4 and 4.6.4.
+    Raises:
+        ValueError: If a choice is unknown, the kernel has no taps, or bilinear taps are given a width.
+
+    Source: filtering, eqs 2.1 and 2.2 and Algorithm 1; mdsm, sections 4.4 and 4.6.4.
     """
-    num_planes = planes.shape[0]
-    fits = jnp.ndim(spacing) <= lookup.depth.ndim and all(
-        size in (1, whole) for size, whole in zip(jnp.shape(spacing)[::-1], lookup.depth.shape[::-1], strict=False)
-    )
-    require(fits, f"spacing must be one number, or one for each point of lookup; got {came(spacing)}")
-    x, y = lookup.position[..., 0] + shift[0], lookup.position[..., 1] + shift[1]
+    require_int(kernel_size, "kernel_size", 1)
+    require_choice(taps, "taps", TAPS)
+    receivers = position, depth, gradient
+    if taps == "bilinear":
+        require(width_world is None, "bilinear taps lie one texel apart; for a width_world take taps='nearest'")
+        moved = position + jnp.asarray(shift, position.dtype) if shift != (0.0, 0.0) else position
+        count = _bilinear_count(planes, moved, receivers, kernel_size, bias, border)
+    else:
+        spacing = 1.0 if width_world is None else width_world / (kernel_size * texel_size)
+        count = _nearest_count(planes, receivers, kernel_size, bias, border, spacing, shift)
+    # Counting in whole numbers and dividing once keeps "all lit" exactly 1 (adding 1/18 eighteen times does not).
+    return count / (planes.shape[0] * kernel_size**2)
+
+
+def _nearest_count(
+    planes: Array,
+    receivers: tuple[Array, Array, Array | None],
+    kernel_size: int,
+    bias: Array | float,
+    border: str,
+    spacing: Array | float,
+    shift: tuple[float, float],
+) -> Array:
+    """Lit tests of K × K single texels."""
+    position, depth, gradient = receivers
+    x, y = position[..., 0] + shift[0], position[..., 1] + shift[1]
     offsets = kernel_offsets(kernel_size)
     cols = [texel_index(x + offset * spacing) for offset in offsets]
     rows = [texel_index(y + offset * spacing) for offset in offsets]
-    count = jnp.zeros(lookup.depth.shape, planes.dtype)
+    count = jnp.zeros(depth.shape, planes.dtype)
     for row in rows:
         for col in cols:
-            receiver = lookup.depth_at(col, row)
-            for stored in read_texels(planes, col, row, lookup.border):
-                count = count + is_lit(stored, receiver, lookup.bias).astype(planes.dtype)
-    # Counting in whole numbers and dividing once keeps "all lit" exactly 1 (adding 1/18 eighteen times does not).
-    return count / (num_planes * kernel_size**2)
+            receiver = depth_at_texel(position, depth, gradient, col, row)
+            for stored in read_texels(planes, col, row, border):
+                count = count + is_lit(stored, receiver, bias).astype(planes.dtype)
+    return count
 
 
-@checked
-def bilinear_percentage_closer(
-    planes: Float[Array, "n rows cols"], lookup: Lookup, kernel_size: int = 1
-) -> Float[Array, "*points"]:
-    """Mean of K × K taps, each the bilinear mix of the test results of four texels, as hardware does.
-
-    Continuous in the receiver's position, unlike nearest taps.
-
-    Args:
-        planes: The n depths of each texel.
-        lookup: Receivers.
-        kernel_size: K, bilinear taps along an axis, ≥ 1.
-
-    Returns:
-        Visibility in [0, 1].
-
-    Source: filtering, eq. 2.2, applied to results of the test.
-    """
-    num_planes = planes.shape[0]
-    col, row, right, down = bilinear_weights(lookup.position - (kernel_size - 1) / 2)
+def _bilinear_count(
+    planes: Array,
+    moved: Array,
+    receivers: tuple[Array, Array, Array | None],
+    kernel_size: int,
+    bias: Array | float,
+    border: str,
+) -> Array:
+    """Lit tests of K × K bilinear taps, K + 1 texels along an axis, weighted."""
+    position, depth, gradient = receivers
+    col, row, right, down = bilinear_weights(moved - (kernel_size - 1) / 2)
 
     # Neighbouring taps share texels: their weights add up to 1 − fraction, 1, …, 1, fraction. Written as a sum and a
     # step, whole numbers stay whole: all lit is exactly 1 and all dark exactly 0.
@@ -91,12 +122,28 @@ def bilinear_percentage_closer(
     for d_row in range(kernel_size + 1):
         line = []
         for d_col in range(kernel_size + 1):
-            stored = read_texels(planes, col + d_col, row + d_row, lookup.border)
-            receiver = lookup.depth_at(col + d_col, row + d_row)
-            lit = [is_lit(depth, receiver, lookup.bias).astype(planes.dtype) for depth in stored]
+            stored = read_texels(planes, col + d_col, row + d_row, border)
+            receiver = depth_at_texel(position, depth, gradient, col + d_col, row + d_row)
+            lit = [is_lit(one, receiver, bias).astype(planes.dtype) for one in stored]
             line.append(sum(lit[1:], lit[0]))
         lines.append(blend(line, right))
-    return blend(lines, down) / (num_planes * kernel_size**2)
+    return blend(lines, down)
+
+
+@checked
+def percentage_closer_of(
+    planes: Float[Array, "n rows cols"],
+    lookup: Lookup,
+    kernel_size: int,
+    taps: str = "nearest",
+    width_world: Float[Array, "*#points"] | float | None = None,
+    shift: tuple[float, float] = (0.0, 0.0),
+) -> Float[Array, "*points"]:
+    """`percentage_closer` at the receivers of a lookup."""
+    return percentage_closer(
+        planes, lookup.position, lookup.depth, kernel_size, lookup.bias, lookup.border, taps=taps,
+        width_world=width_world, texel_size=lookup.texel_size, shift=shift, gradient=lookup.gradient,
+    )  # fmt: skip
 
 
 class PercentageCloser(Filter):
@@ -123,7 +170,7 @@ class PercentageCloser(Filter):
 
     def visibility(self, planes: Float[Array, "n rows cols"], lookup: Lookup) -> Float[Array, "*points"]:
         """Fraction of taps that are lit."""
-        return percentage_closer(planes, lookup, self.kernel_size, tap_spacing(self, lookup))
+        return percentage_closer_of(planes, lookup, self.kernel_size, width_world=self.width_world)
 
     @property
     def num_planes(self) -> int:
@@ -146,14 +193,6 @@ class PercentageCloser(Filter):
         return self.kernel_size / 2
 
 
-@checked
-def tap_spacing(kernel: "PercentageCloser", lookup: Lookup) -> Float[Array, "*#points"] | float:
-    """Distance between taps in texels: 1, or what makes the kernel as wide as asked in world units."""
-    if kernel.width_world is None:
-        return 1.0
-    return kernel.width_world / (kernel.kernel_size * lookup.texel_size)
-
-
 class BilinearPercentageCloser(Filter):
     """PCF with bilinear taps: smooth between texels, K × K taps read (K + 1)² depths.
 
@@ -172,7 +211,7 @@ class BilinearPercentageCloser(Filter):
 
     def visibility(self, planes: Float[Array, "n rows cols"], lookup: Lookup) -> Float[Array, "*points"]:
         """Weighted fraction of lit texels."""
-        return bilinear_percentage_closer(planes, lookup, self.kernel_size)
+        return percentage_closer_of(planes, lookup, self.kernel_size, "bilinear")
 
     @property
     def num_planes(self) -> int:

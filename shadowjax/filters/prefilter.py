@@ -5,13 +5,12 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 
-from shadowjax._checked import Checked
+from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice, require_int
 from shadowjax._types import Array, Float
 from shadowjax.filters.base import Lookup
-from shadowjax.maps.blur import KERNELS, blur, kernel_radius, kernel_weights
+from shadowjax.maps.blur import KERNELS, Weights, blur, kernel_radius, kernel_weights
 from shadowjax.maps.pyramid import mip_chain, mip_level, read_anisotropic, read_trilinear
 from shadowjax.maps.sampling import read_bilinear_apart, read_texels, texel_index
 from shadowjax.maps.summed_area import read_box_mean, summed_area_table
@@ -84,7 +83,7 @@ class Prefilter(Checked):
         return read_anisotropic(prepared, lookup.position, footprint, self.max_anisotropy, border)
 
     @property
-    def weights(self) -> np.ndarray:
+    def weights(self) -> Weights:
         """Of the blur, along one axis."""
         return kernel_weights(self.kernel, self.size, self.sigma)
 
@@ -106,6 +105,21 @@ class Prefilter(Checked):
         return probes.get(self.sampling, 8 * self.max_anisotropy)
 
 
+@checked
+def unit_depth(
+    depth: Float[Array, "*shape"], near: Float[Array, ""] | float, far: Float[Array, ""] | float
+) -> Float[Array, "*shape"]:
+    """Depths as parts of a range, [0, 1] inside it: what filters that average encoded depths store and are asked for.
+
+    Args:
+        depth: Distances along the light's rays, world units.
+        near: Depth that becomes 0, world units.
+        far: Depth that becomes 1; a range that is empty is taken as one world unit.
+    """
+    width = jnp.asarray(far - near, depth.dtype)
+    return (depth - near) / jnp.where(width > 0, width, jnp.ones_like(width))
+
+
 class DepthRange(Checked):
     """The depths that a filter maps to [0, 1].
 
@@ -124,5 +138,4 @@ class DepthRange(Checked):
 
     def to_unit(self, depth: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """Depths as parts of the range; below 0 or above 1 outside it. An empty range is taken as one world unit."""
-        width = self.far - self.near
-        return (depth - self.near) / jnp.where(width > 0, width, jnp.ones_like(width))
+        return unit_depth(depth, self.near, self.far)

@@ -17,8 +17,8 @@ from shadowjax.maps.shadow_map import ShadowMap
 from shadowjax.silhouettes.coverage import OutlinePieces
 
 Depth = Float[Array, "rows cols"]
-# One array for each stored number, all of the receivers' shape.
-Values = list[Float[Array, "*points"]]
+# One array for each stored number, all of the receivers' shape; stacked or apart.
+Values = Float[Array, "n *points"] | list[Float[Array, "*points"]]
 
 
 class EncodedMap(Checked):

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from shadowjax._checked import checked
-from shadowjax._checks import require, require_value
+from shadowjax._checks import concrete, require, require_value
 from shadowjax._types import Array, Float
 from shadowjax.filters.prefilter import Prefilter
 from shadowjax.filters.prefiltered import Prefiltered, Values
@@ -67,7 +67,7 @@ def depth_moments(
     Source: filtering, eqs 2.3, 2.4 and 2.9.
     """
     square = depth * depth
-    if footprint:
+    if concrete(footprint) != 0:
         across, down = surface_slopes(depth, slope_limit)
         square = square + footprint * (across * across + down * down)
     return jnp.stack([depth, square])
@@ -130,8 +130,9 @@ def linear_step(value: Numbers, low: float = 0.0, high: float = 1.0) -> Numbers:
 
 @checked
 def check_step(low: float, high: float) -> None:
-    """Complain unless 0 ≤ low < high ≤ 1."""
-    require(0 <= low < high <= 1, f"0 ≤ bleed_low < bleed_high ≤ 1 must hold; got {low} and {high}")
+    """Complain unless 0 ≤ low < high ≤ 1, where both are known."""
+    known = concrete(low) is not None and concrete(high) is not None
+    require(not known or 0 <= low < high <= 1, f"0 ≤ bleed_low < bleed_high ≤ 1 must hold; got {low} and {high}")
 
 
 @checked
@@ -140,6 +141,40 @@ def check_spread(min_variance: float, footprint: float, slope_limit: float) -> N
     require(min_variance >= 0, f"min_variance must not be negative; got {min_variance}")
     require(footprint >= 0, f"footprint is a mean square, ≥ 0; got {footprint}")
     require(slope_limit >= 0, f"slope_limit must not be negative; got {slope_limit}")
+
+
+@checked
+def encode_variance(
+    depth: Float[Array, "rows cols"], footprint: float = 0.25, slope_limit: float = 0.05
+) -> Float[Array, "2 rows cols"]:
+    """What a variance shadow map stores: two moments, to be averaged.
+
+    Args:
+        depth: Parts of the map's range, [0, 1] (`unit_depth`).
+        footprint: E[x²] of a texel's footprint, texels², ≥ 0 (`depth_moments`).
+        slope_limit: Largest slope that counts in it, parts of the range per texel, ≥ 0.
+    """
+    return depth_moments(depth, footprint, slope_limit)
+
+
+@checked
+def decode_variance(
+    values: Values, depth: Numbers, min_variance: float = 1e-6, bleed_low: float = 0.0, bleed_high: float = 1.0
+) -> Numbers:
+    """Visibility from averaged moments: Chebyshev's bound, its low end cut.
+
+    Args:
+        values: The two moments at each receiver.
+        depth: Receivers' depth in the same range, less the bias.
+        min_variance: Least variance, in squares of the range, ≥ 0.
+        bleed_low: Bound that becomes 0, in [0, 1).
+        bleed_high: Bound that becomes 1, in (bleed_low, 1].
+
+    Source: filtering, eqs 2.5 to 2.8 and Algorithm 2.
+    """
+    mean, square = values
+    bound = _chebyshev(mean, variance_of(mean, square, min_variance), depth)
+    return linear_step(bound, bleed_low, bleed_high)
 
 
 class Variance(Prefiltered):
@@ -168,13 +203,11 @@ class Variance(Prefiltered):
 
     def encode(self, depth: Float[Array, "rows cols"]) -> Float[Array, "n rows cols"]:
         """Two moments."""
-        return depth_moments(depth, self.footprint, self.slope_limit)
+        return encode_variance(depth, self.footprint, self.slope_limit)
 
     def decode(self, values: Values, depth: Numbers) -> Numbers:
         """Chebyshev's bound, its low end cut."""
-        mean, square = values
-        bound = _chebyshev(mean, variance_of(mean, square, self.min_variance), depth)
-        return linear_step(bound, self.bleed_low, self.bleed_high)
+        return decode_variance(values, depth, self.min_variance, self.bleed_low, self.bleed_high)
 
     @property
     def num_planes(self) -> int:

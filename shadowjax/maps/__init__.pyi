@@ -2,6 +2,8 @@ from .blur import box_weights as box_weights
 from .blur import gaussian_weights as gaussian_weights
 from .pyramid import Pyramid as Pyramid
 from .pyramid import mip_chain as mip_chain
+from .pyramid import mip_level as mip_level
+from .pyramid import mip_levels as mip_levels
 from .pyramid import read_anisotropic as read_anisotropic
 from .pyramid import read_trilinear as read_trilinear
 from .sampling import read_bilinear as read_bilinear
@@ -9,7 +11,6 @@ from .sampling import read_nearest as read_nearest
 from .shadow_map import ShadowMap as ShadowMap
 from .shadow_map import build_covered_map as build_covered_map
 from .shadow_map import build_shadow_map as build_shadow_map
-from .summed_area import SummedArea as SummedArea
 from .summed_area import box_sum as box_sum
 from .summed_area import read_box_mean as read_box_mean
 from .summed_area import summed_area_table as summed_area_table

@@ -7,20 +7,25 @@ import jax.numpy as jnp
 import numpy as np
 
 from shadowjax._checked import checked
-from shadowjax._checks import NOT_NEGATIVE, require, require_choice, require_int
+from shadowjax._checks import NOT_NEGATIVE, concrete, require, require_choice, require_int
 from shadowjax._types import Array, Float
 from shadowjax.maps.sampling import BORDERS, read_texels
 
 KERNELS = ("gaussian", "box")
+# Of the taps along one axis.
+Weights = np.ndarray | Float[Array, "taps"]
 
 
 @checked
-def gaussian_weights(size: int, sigma: float | None = None) -> np.ndarray:
+def gaussian_weights(size: int, sigma: float | None = None) -> Weights:
     """Weights of a sampled Gaussian along one axis; they add up to 1.
 
     Args:
         size: Number of taps, odd, ≥ 1.
         sigma: Standard deviation, texels, > 0; a fifth of the size if None (1.4 for the 7 × 7 of the source).
+
+    Returns:
+        Of NumPy; of JAX, and differentiable, where sigma is traced.
 
     Raises:
         ValueError: If the size is even or less than 1, or sigma is not positive.
@@ -29,9 +34,13 @@ def gaussian_weights(size: int, sigma: float | None = None) -> np.ndarray:
     """
     radius = kernel_radius(size)
     sigma = size / 5 if sigma is None else sigma
-    require(bool(np.isfinite(sigma)) and sigma > 0, f"sigma of a Gaussian must be positive; got {sigma}")
+    known = concrete(sigma)
+    require(
+        known is None or bool(np.isfinite(known) and known > 0), f"sigma of a Gaussian must be positive; got {sigma}"
+    )
     offsets = np.arange(-radius, radius + 1)
-    weights = np.exp(-0.5 * (offsets / sigma) ** 2)
+    exponents = -0.5 * (offsets / sigma) ** 2
+    weights = np.exp(exponents) if known is not None else jnp.exp(exponents)
     return weights / weights.sum()
 
 
@@ -50,7 +59,7 @@ def box_weights(size: int) -> np.ndarray:
 
 
 @checked
-def kernel_weights(kernel: str, size: int, sigma: float | None = None) -> np.ndarray:
+def kernel_weights(kernel: str, size: int, sigma: float | None = None) -> Weights:
     """Weights of a named kernel (`KERNELS`) along one axis."""
     require_choice(kernel, "kernel", KERNELS)
     return box_weights(size) if kernel == "box" else gaussian_weights(size, sigma)
@@ -95,7 +104,7 @@ def extend(
 
 
 @checked
-def blur(planes: Float[Array, "n more_rows more_cols"], weights: np.ndarray) -> Float[Array, "n rows cols"]:
+def blur(planes: Float[Array, "n more_rows more_cols"], weights: Weights) -> Float[Array, "n rows cols"]:
     """Weighted mean along both axes, where the whole kernel fits: the result is `len(weights) − 1` texels smaller.
 
     Shifted copies are added up, one axis after the other; on a CPU this is some thirty times faster than a convolution.
@@ -112,7 +121,7 @@ def blur(planes: Float[Array, "n more_rows more_cols"], weights: np.ndarray) -> 
     return _sum_along(jax.lax.optimization_barrier(across), weights, 1)
 
 
-def _sum_along(planes: Array, weights: np.ndarray, axis: int) -> Array:
+def _sum_along(planes: Array, weights: Weights, axis: int) -> Array:
     length = planes.shape[axis] - len(weights) + 1
     require(length > 0, f"a kernel of {len(weights)} taps does not fit into a map of {planes.shape[axis]} texels")
     parts = [jax.lax.slice_in_dim(planes, i, i + length, axis=axis) for i in range(len(weights))]

@@ -10,6 +10,8 @@ from shadowjax._types import Array, Float, Int
 from shadowjax.maps.sampling import bilinear_weights, fold
 
 Numbers = Float[Array, "*points"]
+# The map, and each level after it half as large.
+Levels = tuple[Float[Array, "n _rows _cols"], ...]
 
 
 class Pyramid(Checked):
@@ -44,7 +46,7 @@ class Pyramid(Checked):
 
 
 @checked
-def mip_chain(planes: Float[Array, "n rows cols"], num_levels: int | None = None) -> Pyramid:
+def mip_levels(planes: Float[Array, "n rows cols"], num_levels: int | None = None) -> Levels:
     """Each level the mean of 2 × 2 blocks of the one before; sides of odd length repeat their last texel.
 
     Args:
@@ -65,6 +67,16 @@ def mip_chain(planes: Float[Array, "n rows cols"], num_levels: int | None = None
     levels = [planes]
     for _ in range(wanted - 1):
         levels.append(_halved(levels[-1]))
+    return tuple(levels)
+
+
+@checked
+def mip_chain(planes: Float[Array, "n rows cols"], num_levels: int | None = None) -> Pyramid:
+    """All levels of some maps in one object; arguments and errors as of `mip_levels`."""
+    return _joined(mip_levels(planes, num_levels))
+
+
+def _joined(levels: Levels) -> Pyramid:
     texels = jnp.concatenate([level.reshape(level.shape[0], -1) for level in levels], axis=1)
     return Pyramid(texels, tuple((level.shape[1], level.shape[2]) for level in levels))
 
@@ -195,3 +207,38 @@ def read_anisotropic(
     zeros = [jnp.zeros(position.shape[:-1], position.dtype) for _ in pyramid.texels]
     sums, _ = jax.lax.scan(step, zeros, offsets)
     return [total / num for total in sums]
+
+
+@checked
+def read_mip(
+    levels: Levels, position: Float[Array, "*points 2"], level: Numbers, border: str = "clamp"
+) -> Float[Array, "n *points"]:
+    """`read_trilinear` from arrays: the two nearest levels, mixed.
+
+    Args:
+        levels: From `mip_levels`.
+        position: (x, y) in texels of level 0, centres at +½.
+        level: λ (`mip_level`); limited to the levels that exist.
+        border: "clamp" or "octahedral".
+    """
+    return jnp.stack(read_trilinear(_joined(levels), position, level, border))
+
+
+@checked
+def read_mip_anisotropic(
+    levels: Levels,
+    position: Float[Array, "*points 2"],
+    footprint: Float[Array, "*points 2 2"],
+    max_anisotropy: int = 8,
+    border: str = "clamp",
+) -> Float[Array, "n *points"]:
+    """`read_anisotropic` from arrays: reads along the longer axis of the footprint, at the level of its shorter axis.
+
+    Args:
+        levels: From `mip_levels`.
+        position: (x, y) in texels of level 0, centres at +½.
+        footprint: Change of (x, y), texels, over one pixel along each image axis.
+        max_anisotropy: Reads, ≥ 1.
+        border: "clamp" or "octahedral".
+    """
+    return jnp.stack(read_anisotropic(_joined(levels), position, footprint, max_anisotropy, border))

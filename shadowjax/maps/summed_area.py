@@ -3,23 +3,15 @@
 import jax
 import jax.numpy as jnp
 
-from shadowjax._checked import Checked, checked
+from shadowjax._checked import checked
 from shadowjax._types import Array, Float, Int
 
 # A number as an unevaluated sum of two of the dtype: about twice its digits.
 Pair = tuple[Array, Array]
 
 
-class SummedArea(Checked):
-    """Sums of all texels above and to the left, as pairs whose sum counts; the first row and column are 0.
-
-    Attributes:
-        high: The sums, rounded.
-        low: What rounding took away.
-    """
-
-    high: Float[Array, "n more_rows more_cols"]
-    low: Float[Array, "n more_rows more_cols"]
+# Sums of all texels above and to the left, rounded, and what rounding took away; the first row and column are 0.
+Table = tuple[Float[Array, "n more_rows more_cols"], Float[Array, "n more_rows more_cols"]]
 
 
 def _two_sum(a: Array, b: Array) -> Pair:
@@ -41,7 +33,7 @@ def _subtract(a: Pair, b: Pair) -> Pair:
 
 
 @checked
-def summed_area_table(planes: Float[Array, "n rows cols"]) -> SummedArea:
+def summed_area_table(planes: Float[Array, "n rows cols"]) -> Table:
     """Sums over all boxes that start at the first texel, each kept as two numbers.
 
     A plain table rounds sums to its dtype, so the mean of a small box far from the origin is lost: a 4096² map has
@@ -50,18 +42,21 @@ def summed_area_table(planes: Float[Array, "n rows cols"]) -> SummedArea:
     Args:
         planes: Maps of one size.
 
+    Returns:
+        The sums, rounded, and what rounding took away: entry (i, j) of their sum is over rows < i and columns < j.
+
     Source: filtering, eq. 2.10 (inclusive; here entry (i, j) sums the texels *before* row i and column j).
     """
     pair = (planes, jnp.zeros_like(planes))
     for axis in (2, 1):
         pair = jax.lax.associative_scan(_add, pair, axis=axis)
     high, low = (jnp.pad(part, ((0, 0), (1, 0), (1, 0))) for part in pair)
-    return SummedArea(high, low)
+    return high, low
 
 
 @checked
 def box_sum(
-    table: SummedArea,
+    table: Table,
     lower: tuple[Int[Array, "*points"], Int[Array, "*points"]],
     upper: tuple[Int[Array, "*points"], Int[Array, "*points"]],
 ) -> Float[Array, "n *points"]:
@@ -78,15 +73,16 @@ def box_sum(
     return difference[0] + difference[1]
 
 
-def _entry(table: SummedArea, col: Array, row: Array) -> Pair:
-    num_planes, _, num_cols = table.high.shape
+def _entry(table: Table, col: Array, row: Array) -> Pair:
+    num_planes, _, num_cols = table[0].shape
     index = row * num_cols + col
-    return table.high.reshape(num_planes, -1)[:, index], table.low.reshape(num_planes, -1)[:, index]
+    high, low = (part.reshape(num_planes, -1)[:, index] for part in table)
+    return high, low
 
 
 @checked
 def read_box_mean(
-    table: SummedArea, position: Float[Array, "*points 2"], size: Float[Array, "*points 2"]
+    table: Table, position: Float[Array, "*points 2"], size: Float[Array, "*points 2"]
 ) -> list[Float[Array, "*points"]]:
     """Mean of every plane over a box, texels at its sides counted in part. A box of one texel is a bilinear read.
 
@@ -99,7 +95,7 @@ def read_box_mean(
     Returns:
         One array for each plane.
     """
-    num_rows, num_cols = (length - 1 for length in table.high.shape[1:])
+    num_rows, num_cols = (length - 1 for length in table[0].shape[1:])
     axes = [_box_along(position[..., i], size[..., i], length) for i, length in enumerate((num_cols, num_rows))]
     (cols, col_parts, width), (rows, row_parts, height) = axes
     # Sums of boxes anchored at the first of each axis' four lines; only then fractions, so that nothing large cancels.

@@ -6,9 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from shadowjax import Exponential, Prefilter, bilinear_percentage_closer
+from shadowjax import Exponential, Prefilter
 from shadowjax.filters.base import Lookup
 from shadowjax.filters.exponential import blur_exponents
+from shadowjax.filters.pcf import percentage_closer_of
 from shadowjax.maps.blur import gaussian_weights
 
 RNG = np.random.default_rng(6)
@@ -50,7 +51,7 @@ def test_one_texel_tends_to_the_hard_test():
 
 def test_violations_fall_back_to_bilinear_pcf():
     """z-max takes PCF wherever a depth of the kernel lies behind the receiver; the threshold where the mean says so."""
-    pcf = np.asarray(bilinear_percentage_closer(jnp.asarray(MAP)[None], WHERE))
+    pcf = np.asarray(percentage_closer_of(jnp.asarray(MAP)[None], WHERE, 1, "bilinear"))
     plain, threshold, z_max = (
         np.asarray(answer(Exponential(20.0, BLUR, fallback=kind), jnp.asarray(MAP), WHERE))
         for kind in ("none", "threshold", "z-max")

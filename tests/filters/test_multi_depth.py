@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from shadowjax import FixedNeighbour, MultiDepth, Neighbourhood, Ring, StochasticNeighbour, composite_attenuation
+from shadowjax import FixedNeighbour, MultiDepth, Neighbourhood, Ring, StochasticNeighbour
+from shadowjax.filters.hard import composite_test
 from shadowjax.filters.multi_depth import (
     max_neighbour,
     min_max_neighbours,
@@ -89,9 +90,9 @@ def test_stochastic_choice_is_a_neighbour_evenly_drawn_and_repeatable():
 def test_composite_test_counts_shadowing_depths(dtype):
     stored = jnp.asarray([[1.0, 1.0], [2.0, 1.0], [3.0, 1.0]], dtype)
     receiver = jnp.asarray([2.5, 0.5], dtype)
-    np.testing.assert_allclose(composite_attenuation(stored, receiver), [2 / 3, 0], rtol=1e-6)
-    np.testing.assert_allclose(composite_attenuation(stored, receiver, 0.5), [1 / 3, 0], rtol=1e-6)
-    np.testing.assert_allclose(composite_attenuation(stored[:1], receiver), [1, 0])
+    np.testing.assert_allclose(composite_test(stored, receiver), [1 / 3, 1], rtol=1e-6)
+    np.testing.assert_allclose(composite_test(stored, receiver, 0.5), [2 / 3, 1], rtol=1e-6)
+    np.testing.assert_allclose(composite_test(stored[:1], receiver), [0, 1])
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from shadowjax import BilinearPercentageCloser, PercentageCloser, bilinear_percentage_closer, percentage_closer
+from shadowjax import BilinearPercentageCloser, PercentageCloser
 from shadowjax.filters.base import Lookup
-from shadowjax.filters.pcf import kernel_offsets
+from shadowjax.filters.pcf import kernel_offsets, percentage_closer, percentage_closer_of
 
 RNG = np.random.default_rng(11)
 DEPTHS = RNG.uniform(0, 1, (3, 17, 13))
@@ -24,6 +24,16 @@ def lookup(dtype=jnp.float64, **more):
         "texel_size": jnp.ones((), dtype),
     }
     return Lookup(**(fields | more))
+
+
+def nearest(planes, kernel_size, dtype=jnp.float64, **more):
+    """PCF of the receivers, or of others."""
+    given = {"position": jnp.asarray(RECEIVERS, dtype), "depth": jnp.asarray(DEPTH, dtype), "bias": 0.05, **more}
+    return percentage_closer(planes, kernel_size=kernel_size, **given)
+
+
+def bilinear(planes, kernel_size, **more):
+    return nearest(planes, kernel_size, taps="bilinear", **more)
 
 
 def algorithm_1(planes, kernel_size):
@@ -46,7 +56,7 @@ def algorithm_1(planes, kernel_size):
 @pytest.mark.parametrize("num_planes", [1, 3])
 def test_equals_the_loop_of_algorithm_1(kernel_size, num_planes):
     planes = DEPTHS[:num_planes]
-    value = percentage_closer(jnp.asarray(planes), lookup(), kernel_size)
+    value = nearest(jnp.asarray(planes), kernel_size)
     np.testing.assert_allclose(value, algorithm_1(planes, kernel_size), atol=1e-15)
 
 
@@ -60,11 +70,9 @@ def test_offsets_are_whole_for_odd_and_half_for_even_kernels(size, expected):
 def test_all_lit_is_exactly_one_and_all_dark_exactly_zero(dtype):
     """Adding 1/18 eighteen times in float32 gives 0.99999899 (mdsm, figure 4.19); counting does not."""
     planes = jnp.ones((2, 8, 8), dtype)
-    inside = lookup(dtype, position=jnp.full((300, 2), 4.2, dtype))
-    assert jnp.all(percentage_closer(planes, inside, 3) == 1)
-    assert jnp.all(
-        percentage_closer(planes - 1, lookup(dtype, position=inside.position, depth=inside.depth + 1), 3) == 0
-    )
+    inside, depth = jnp.full((300, 2), 4.2, dtype), jnp.asarray(DEPTH, dtype)
+    assert jnp.all(nearest(planes, 3, dtype, position=inside) == 1)
+    assert jnp.all(nearest(planes - 1, 3, dtype, position=inside, depth=depth + 1) == 0)
 
 
 @pytest.mark.parametrize(
@@ -73,12 +81,10 @@ def test_all_lit_is_exactly_one_and_all_dark_exactly_zero(dtype):
 def test_bilinear_mix_of_four_results(depth, across, along, expected):
     """filtering, eq. 2.2 with z = (.3, .6, .5, .2): z₀₀, z₁₀ in the first row, z₀₁, z₁₁ in the second."""
     planes = jnp.asarray([[[0.3, 0.6], [0.5, 0.2]]])
-    where = Lookup(
-        jnp.asarray([[0.5 + across, 0.5 + along]]), jnp.asarray([depth]), jnp.zeros(()), jnp.ones(()), "clamp"
-    )
+    where = {"position": jnp.asarray([[0.5 + across, 0.5 + along]]), "depth": jnp.asarray([depth])}
     lit = (np.asarray(planes[0]) >= depth).astype(float)
     weights = np.outer([1 - along, along], [1 - across, across])
-    value = float(bilinear_percentage_closer(planes, where)[0])
+    value = float(bilinear(planes, 1, bias=0.0, border="clamp", **where)[0])
     np.testing.assert_allclose(value, np.sum(lit * weights), rtol=1e-14)
     np.testing.assert_allclose(value, expected, rtol=1e-14)
 
@@ -88,21 +94,22 @@ def test_bilinear_kernel_is_the_mean_of_its_single_taps(kernel_size):
     planes = jnp.asarray(DEPTHS[:2])
     taps = []
     for dx, dy in itertools.product(kernel_offsets(kernel_size), repeat=2):
-        moved = lookup(position=jnp.asarray(RECEIVERS) + jnp.asarray([dx, dy]))
-        taps.append(bilinear_percentage_closer(planes, moved, 1))
+        taps.append(bilinear(planes, 1, shift=(dx, dy)))
     expected = jnp.mean(jnp.stack(taps), axis=0)
-    np.testing.assert_allclose(bilinear_percentage_closer(planes, lookup(), kernel_size), expected, atol=1e-13)
+    np.testing.assert_allclose(bilinear(planes, kernel_size), expected, atol=1e-13)
 
 
 def test_bilinear_is_continuous_where_nearest_jumps():
     line = jnp.linspace(2.0, 6.0, 4001)
-    where = Lookup(
-        jnp.stack([line, jnp.full_like(line, 3.3)], -1), jnp.full_like(line, 0.5), jnp.zeros(()), jnp.ones(())
-    )
+    where = {
+        "position": jnp.stack([line, jnp.full_like(line, 3.3)], -1),
+        "depth": jnp.full_like(line, 0.5),
+        "bias": 0.0,
+    }
     planes = jnp.asarray(DEPTHS[:1])
-    smooth = jnp.max(jnp.abs(jnp.diff(bilinear_percentage_closer(planes, where, 3))))
+    smooth = jnp.max(jnp.abs(jnp.diff(bilinear(planes, 3, **where))))
     assert float(smooth) < 2e-3
-    assert float(jnp.max(jnp.abs(jnp.diff(percentage_closer(planes, where, 3))))) > 0.1
+    assert float(jnp.max(jnp.abs(jnp.diff(nearest(planes, 3, **where))))) > 0.1
 
 
 def test_world_sized_kernel_keeps_its_width_when_the_texel_shrinks():
@@ -110,9 +117,9 @@ def test_world_sized_kernel_keeps_its_width_when_the_texel_shrinks():
     fixed = PercentageCloser(2, width_world=4.0)
     planes = jnp.asarray(DEPTHS[:1])
     coarse = fixed.visibility(planes, lookup(texel_size=jnp.asarray(2.0)))
-    np.testing.assert_array_equal(coarse, percentage_closer(planes, lookup(), 2, 1.0))
+    np.testing.assert_array_equal(coarse, nearest(planes, 2))
     fine = fixed.visibility(planes, lookup(texel_size=jnp.asarray(1.0)))
-    np.testing.assert_array_equal(fine, percentage_closer(planes, lookup(), 2, 2.0))
+    np.testing.assert_array_equal(fine, nearest(planes, 2, width_world=4.0))
     assert np.any(np.asarray(fine) != np.asarray(coarse))
 
 
@@ -126,3 +133,20 @@ def test_kernel_size_is_checked(make, size):
 def test_world_width_is_checked():
     with pytest.raises(ValueError, match="width_world must be positive"):
         PercentageCloser(3, width_world=0.0)
+
+
+def test_bilinear_taps_have_no_width():
+    with pytest.raises(ValueError, match="take taps='nearest'"):
+        bilinear(jnp.asarray(DEPTHS), 3, width_world=2.0)
+
+
+@pytest.mark.parametrize("taps", ["nearest", "bilinear"])
+def test_receivers_of_a_lookup_are_its_arrays(taps):
+    """A plane under each receiver, a bias for each, and a border that goes on."""
+    rng = np.random.default_rng(4)
+    gradient, bias = jnp.asarray(rng.normal(size=(300, 2)) / 9), jnp.asarray(rng.uniform(0, 0.1, 300))
+    where = lookup(border="clamp", gradient=gradient, bias=bias)
+    planes = jnp.asarray(DEPTHS)
+    arrays = nearest(planes, 3, bias=bias, border="clamp", taps=taps, gradient=gradient)
+    np.testing.assert_array_equal(percentage_closer_of(planes, where, 3, taps), arrays)
+    assert np.any(np.asarray(arrays) != np.asarray(nearest(planes, 3, bias=bias, border="clamp", taps=taps)))

@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shadowjax.filters import multi_depth
-from shadowjax.filters.base import Lookup
 from shadowjax.filters.pcf import percentage_closer
 from shadowjax.theory import cost
 
@@ -71,7 +70,7 @@ def test_lookup_reads_are_the_taps_whatever_the_depths_a_texel(width, policy, dt
     zero = jnp.zeros((1,), dtype=dtype)
 
     def visibility(stored):
-        return percentage_closer(stored, Lookup(middle, zero, zero, zero + 1), width)
+        return percentage_closer(stored, middle, zero, width)
 
     assert cost.count_lookup_fetches(visibility, planes) == width * width
 

@@ -10,9 +10,8 @@ import numpy as np
 from scipy import integrate, optimize
 
 from shadowjax._types import default_dtype
-from shadowjax.filters.base import Lookup
 from shadowjax.filters.hard import is_lit
-from shadowjax.filters.pcf import bilinear_percentage_closer, percentage_closer
+from shadowjax.filters.pcf import percentage_closer
 from shadowjax.filters.variance import chebyshev_visibility, linear_step
 from shadowjax.ledger.equation import Correction, Equation, Inputs, Unavailable
 from shadowjax.ledger.inputs import exact
@@ -114,8 +113,7 @@ def _bilinear_measured(inputs: Inputs) -> float:
     stored = jnp.asarray([[[inputs.number("z00"), inputs.number("z10")], [inputs.number("z01"), inputs.number("z11")]]])
     position = jnp.asarray([[0.5 + inputs.number("theta"), 0.5 + inputs.number("phi")]], dtype=dtype)
     depth = jnp.asarray([inputs.number("d")], dtype=dtype)
-    lookup = Lookup(position, depth, jnp.zeros_like(depth), jnp.ones_like(depth))
-    return float(bilinear_percentage_closer(stored.astype(dtype), lookup)[0])
+    return float(percentage_closer(stored.astype(dtype), position, depth, 1, taps="bilinear")[0])
 
 
 def _taps_counted(inputs: Inputs) -> int:
@@ -125,7 +123,7 @@ def _taps_counted(inputs: Inputs) -> int:
     stored = jnp.zeros((1, 9, 9), dtype=dtype).at[0, 4, 4].set(2)
     middle = jnp.full((1, 2), 4.5 if width % 2 else 5.0, dtype=dtype)
     one = jnp.ones((1,), dtype=dtype)
-    return round(1 / float(percentage_closer(stored, Lookup(middle, one, 0 * one, one), width)[0]))
+    return round(1 / float(percentage_closer(stored, middle, one, width)[0]))
 
 
 def _footprint(text: str) -> tuple[str, float]:

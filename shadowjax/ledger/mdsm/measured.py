@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from shadowjax._types import Array, default_dtype
 from shadowjax.filters import multi_depth
-from shadowjax.filters.base import Lookup
+from shadowjax.filters.hard import composite_test
 from shadowjax.filters.pcf import percentage_closer
 from shadowjax.theory.tones import count_tones
 from shadowjax.theory.windows import kernel_width
@@ -37,8 +37,7 @@ def visibility(
     """Filtered visibility of receivers at positions in texels, through the package's own K × K filter."""
     points = position.shape[:-1]
     receiver = jnp.full(points, RECEIVER, dtype=stored.dtype)
-    lookup = Lookup(position.astype(stored.dtype), receiver, jnp.zeros_like(receiver), jnp.ones_like(receiver))
-    return percentage_closer(stored, lookup, width)
+    return percentage_closer(stored, position.astype(stored.dtype), receiver, width)
 
 
 @functools.partial(jax.jit, static_argnames=("policy", "width", "include_centre"))
@@ -68,7 +67,7 @@ def policy_planes(depth: Float[Array, "rows cols"], policy: str) -> Float[Array,
 @jax.jit
 def attenuation(stored: Float[Array, "n *points"]) -> Float[Array, "*points"]:
     """The package's composite test of receivers against given depths."""
-    return multi_depth.composite_attenuation(stored, jnp.full(stored.shape[1:], RECEIVER, dtype=stored.dtype))
+    return 1 - composite_test(stored, jnp.full(stored.shape[1:], RECEIVER, dtype=stored.dtype))
 
 
 def count_window_tones(

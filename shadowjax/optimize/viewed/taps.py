@@ -16,7 +16,7 @@ from shadowjax.bias.rule import Bias
 from shadowjax.filters.chosen_depths import Cells, Ranks, neighbourhood_cells, ranked
 from shadowjax.filters.multi_depth import DepthPolicy, MultiDepth, ring_offsets, shifted
 from shadowjax.filters.offset_pcf import OffsetPercentageCloser
-from shadowjax.filters.pcf import kernel_offsets, percentage_closer
+from shadowjax.filters.pcf import kernel_offsets, percentage_closer_of
 from shadowjax.optimize.solution import Kind, Solution, ended, with_maps
 from shadowjax.optimize.viewed.views import Viewed, Views, as_views
 from shadowjax.techniques.shadow_mapping import ShadowMapping
@@ -71,7 +71,7 @@ def _plane_visibilities(view: Viewed, candidates: str, kernel_size: int) -> Floa
     planes = jnp.concatenate([shadow_map.depth[None], others])
     biased = eqx.tree_at(lambda s: s.bias.value, shadows, jnp.asarray(_bias(kernel_size), shadow_map.depth.dtype))
     lookup = biased.lookup(shadow_map, view.points, view.normals)
-    return jnp.stack([percentage_closer(plane[None], lookup, kernel_size) for plane in planes])
+    return jnp.stack([percentage_closer_of(plane[None], lookup, kernel_size) for plane in planes])
 
 
 def _stacked(depth: Float[Array, "rows cols"], cells: list[tuple[int, int]]) -> Float[Array, "n rows cols"]:
