@@ -17,6 +17,8 @@ ArrayLike = jaxtyping.ArrayLike | Sequence[Any]
 DType = str | type | np.dtype
 
 Scalar = Float[Array, ""]
+# A number of Python, or one that may be traced.
+ScalarLike = float | Scalar
 Vector2 = Float[Array, "2"]
 Vector3 = Float[Array, "3"]
 Points = Float[Array, "*points 3"]
@@ -76,6 +78,7 @@ __all__ = [
     "Points",
     "PyTree",
     "Scalar",
+    "ScalarLike",
     "UInt",
     "Vector2",
     "Vector3",

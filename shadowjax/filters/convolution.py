@@ -8,7 +8,7 @@ import numpy as np
 
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int
-from shadowjax._types import Array, Float
+from shadowjax._types import Array, Float, ScalarLike
 from shadowjax.filters.prefilter import Prefilter
 from shadowjax.filters.prefiltered import Prefiltered, Values
 
@@ -99,7 +99,7 @@ def fourier_step(difference: Numbers, num_terms: int, damping: float = 0.0) -> N
 
 
 @checked
-def depth_squeeze(terms: int, offset: float = 0.0) -> float:
+def depth_squeeze(terms: int, offset: ScalarLike = 0.0) -> ScalarLike:
     """Factor on depths that keeps |z − d| below 1 − 1/(2M), where the periodic series starts to fall back.
 
     Args:
@@ -109,19 +109,19 @@ def depth_squeeze(terms: int, offset: float = 0.0) -> float:
     return (1 - 1 / (2 * terms)) / (1 + offset)
 
 
-def _series_depth(depth: Numbers, terms: int, offset: float) -> Numbers:
+def _series_depth(depth: Numbers, terms: int, offset: ScalarLike) -> Numbers:
     """Depth at which the series is evaluated: in the range, since the series repeats beyond it."""
     return depth_squeeze(terms, offset) * (jnp.clip(depth, 0.0, 1.0) - offset)
 
 
-def _finished(series: Numbers, scale: float) -> Numbers:
+def _finished(series: Numbers, scale: ScalarLike) -> Numbers:
     """The series scaled and clamped."""
     return jnp.clip(scale * series, 0.0, 1.0)
 
 
 @checked
 def encode_convolution(
-    depth: Float[Array, "rows cols"], terms: int = 16, offset: float = 0.0
+    depth: Float[Array, "rows cols"], terms: int = 16, offset: ScalarLike = 0.0
 ) -> Float[Array, "n rows cols"]:
     """What a convolution shadow map stores: 2M basis images, to be averaged.
 
@@ -135,7 +135,7 @@ def encode_convolution(
 
 @checked
 def decode_convolution(
-    values: Values, depth: Numbers, damping: float = 1.0, offset: float = 0.0, scale: float = 2.0
+    values: Values, depth: Numbers, damping: float = 1.0, offset: ScalarLike = 0.0, scale: ScalarLike = 2.0
 ) -> Numbers:
     """Visibility from averaged basis images: their series, scaled and clamped.
 
@@ -154,7 +154,7 @@ def decode_convolution(
 
 @checked
 def encode_mean_depth(
-    depth: Float[Array, "rows cols"], terms: int = 16, offset: float = 0.0
+    depth: Float[Array, "rows cols"], terms: int = 16, offset: ScalarLike = 0.0
 ) -> Float[Array, "1 rows cols"]:
     """What XCSM stores: the depth itself, to be averaged. Arguments as of `encode_convolution`."""
     return depth_squeeze(terms, offset) * depth[None]
@@ -162,7 +162,12 @@ def encode_mean_depth(
 
 @checked
 def decode_mean_depth(
-    values: Values, depth: Numbers, terms: int = 16, damping: float = 1.0, offset: float = 0.0, scale: float = 2.0
+    values: Values,
+    depth: Numbers,
+    terms: int = 16,
+    damping: float = 1.0,
+    offset: ScalarLike = 0.0,
+    scale: ScalarLike = 2.0,
 ) -> Numbers:
     """The series at the mean depth, scaled and clamped. Arguments as of `decode_convolution`; M is given.
 

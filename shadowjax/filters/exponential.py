@@ -7,12 +7,12 @@ import numpy as np
 
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import POSITIVE, concrete, require, require_choice, require_finite, require_int, require_number
-from shadowjax._types import Array, DType, Float
+from shadowjax._types import Array, DType, Float, ScalarLike
 from shadowjax.filters.base import Filter, Lookup
 from shadowjax.filters.pcf import percentage_closer_of
 from shadowjax.filters.prefilter import DepthRange, Prefilter
 from shadowjax.filters.prefiltered import Values
-from shadowjax.maps.blur import Weights, extend, kernel_radius
+from shadowjax.maps.blur import Weights, extend, kernel_radius, known_weights
 from shadowjax.maps.sampling import is_outside, read_nearest
 from shadowjax.maps.shadow_map import ShadowMap
 
@@ -26,7 +26,7 @@ VIOLATION_LIMIT = 10.0
 
 
 @checked
-def check_exponent(exponent: float, dtype: DType, power: int = 1, growth: float = 1.0) -> None:
+def check_exponent(exponent: ScalarLike, dtype: DType, power: int = 1, growth: float = 1.0) -> None:
     """Complain about an exponent c for which growth·(e^(cz))^power is infinite for some z in [0, 1].
 
     With one power c may reach ln(largest number): 88.72 in float32 and 11.09 in float16, where the c = 30 of the source
@@ -36,7 +36,7 @@ def check_exponent(exponent: float, dtype: DType, power: int = 1, growth: float 
     """
     largest = float(np.log(float(jnp.finfo(dtype).max)) - np.log(growth)) / power
     require(
-        exponent <= largest,
+        bool(exponent <= largest),
         f"an exponent of {exponent:g} overflows {jnp.dtype(dtype).name}; use at most {largest:.4g} there, or a wider "
         "dtype",
     )
@@ -44,7 +44,7 @@ def check_exponent(exponent: float, dtype: DType, power: int = 1, growth: float 
 
 @checked
 def exponential_test(
-    stored_depth: Float[Array, "*#points"], receiver_depth: Float[Array, "*#points"], exponent: float
+    stored_depth: Float[Array, "*#points"], receiver_depth: Float[Array, "*#points"], exponent: ScalarLike
 ) -> Float[Array, "*points"]:
     """e^(−c(d−z)): near 0 where the receiver lies well behind the stored depth, 1 where it lies on it, above 1 before.
 
@@ -65,6 +65,7 @@ def blur_exponents(exponents: Float[Array, "more_rows more_cols"], weights: Weig
         A map smaller by `len(weights) − 1` texels.
     """
     kernel_radius(len(weights))
+    weights = known_weights(weights)
     for axis in (1, 0):
         length = exponents.shape[axis] - len(weights) + 1
         parts = [jax.lax.slice_in_dim(exponents, i, i + length, axis=axis) for i in range(len(weights))]
@@ -81,7 +82,7 @@ def blur_exponents(exponents: Float[Array, "more_rows more_cols"], weights: Weig
 
 @checked
 def encode_exponential(
-    depth: Float[Array, "rows cols"], exponent: float = 80.0, space: str = "linear"
+    depth: Float[Array, "rows cols"], exponent: ScalarLike = 80.0, space: str = "linear"
 ) -> Float[Array, "1 rows cols"]:
     """What an exponential shadow map stores: e^(cz), to be averaged; or its logarithm, for `blur_exponents`.
 
@@ -102,7 +103,7 @@ def encode_exponential(
 
 
 @checked
-def decode_exponential(values: Values, depth: Numbers, exponent: float = 80.0, space: str = "linear") -> Numbers:
+def decode_exponential(values: Values, depth: Numbers, exponent: ScalarLike = 80.0, space: str = "linear") -> Numbers:
     """Visibility from averaged exponentials: the mean test e^(−cd)·E[e^(cz)], at most 1.
 
     Args:
@@ -117,7 +118,7 @@ def decode_exponential(values: Values, depth: Numbers, exponent: float = 80.0, s
     return jnp.minimum(_limited_test(values[0] if is_log else jnp.log(values[0]), depth, exponent), 1.0)
 
 
-def _limited_test(log_mean: Array, depth: Array, exponent: float) -> Array:
+def _limited_test(log_mean: Array, depth: Array, exponent: ScalarLike) -> Array:
     """E[e^(c(z−d))], exact up to e^`VIOLATION_LIMIT`: the product may overflow where a factor does not."""
     return jnp.exp(jnp.minimum(log_mean - exponent * depth, VIOLATION_LIMIT))
 

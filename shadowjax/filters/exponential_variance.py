@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from shadowjax._checked import checked
 from shadowjax._checks import POSITIVE, require_number
-from shadowjax._types import Array, DType, Float
+from shadowjax._types import Array, DType, Float, ScalarLike
 from shadowjax.filters.exponential import check_exponent
 from shadowjax.filters.prefilter import Prefilter
 from shadowjax.filters.prefiltered import Prefiltered, Values
@@ -15,7 +15,7 @@ Numbers = Float[Array, "*points"]
 
 
 @checked
-def warp_depth(depth: Float[Array, "*shape"], exponent: float) -> Float[Array, "*shape"]:
+def warp_depth(depth: Float[Array, "*shape"], exponent: ScalarLike) -> Float[Array, "*shape"]:
     """e^(c(2z−1)) for positive c, −e^(c(2z−1)) for negative c: rising in z either way.
 
     Args:
@@ -30,7 +30,7 @@ def warp_depth(depth: Float[Array, "*shape"], exponent: float) -> Float[Array, "
 
 @checked
 def warped_moments(
-    depth: Float[Array, "rows cols"], exponent: float, footprint: float, slope_limit: float
+    depth: Float[Array, "rows cols"], exponent: ScalarLike, footprint: ScalarLike, slope_limit: ScalarLike
 ) -> Float[Array, "2 rows cols"]:
     """First and second moment of the warped depth inside each texel.
 
@@ -43,7 +43,7 @@ def warped_moments(
 
 
 @checked
-def warped_bound(values: Values, depth: Numbers, exponent: float, min_variance: float) -> Numbers:
+def warped_bound(values: Values, depth: Numbers, exponent: ScalarLike, min_variance: ScalarLike) -> Numbers:
     """Chebyshev's bound on visibility from two moments of depths warped with one exponent.
 
     Args:
@@ -67,10 +67,10 @@ def warped_bound(values: Values, depth: Numbers, exponent: float, min_variance: 
 @checked
 def encode_exponential_variance(
     depth: Float[Array, "rows cols"],
-    positive: float = 40.0,
-    negative: float | None = 5.0,
-    footprint: float = 0.25,
-    slope_limit: float = 0.05,
+    positive: ScalarLike = 40.0,
+    negative: ScalarLike | None = 5.0,
+    footprint: ScalarLike = 0.25,
+    slope_limit: ScalarLike = 0.05,
 ) -> Float[Array, "n rows cols"]:
     """What an exponential variance shadow map stores: two moments of each warp, to be averaged.
 
@@ -89,11 +89,11 @@ def encode_exponential_variance(
 def decode_exponential_variance(
     values: Values,
     depth: Numbers,
-    positive: float = 40.0,
-    negative: float | None = 5.0,
-    min_variance: float = 1e-6,
-    bleed_low: float = 0.0,
-    bleed_high: float = 1.0,
+    positive: ScalarLike = 40.0,
+    negative: ScalarLike | None = 5.0,
+    min_variance: ScalarLike = 1e-6,
+    bleed_low: ScalarLike = 0.0,
+    bleed_high: ScalarLike = 1.0,
 ) -> Numbers:
     """Visibility from averaged moments of warped depths: the smallest of the warps' bounds, its low end cut.
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice
 from shadowjax._numerics import safe_divide, safe_sqrt
-from shadowjax._types import Array, Float
+from shadowjax._types import Array, Float, ScalarLike
 from shadowjax.filters.prefilter import Prefilter
 from shadowjax.filters.prefiltered import Prefiltered, Values
 from shadowjax.filters.variance import check_step, linear_step
@@ -26,7 +26,7 @@ def power_moments(depth: Float[Array, "rows cols"]) -> Float[Array, "4 rows cols
 
 
 @checked
-def bias_moments(moments: Values, moment_bias: float) -> Values:
+def bias_moments(moments: Values, moment_bias: ScalarLike) -> Values:
     """Moments of the mixture of a distribution with weight 1 − α and of the points ±1 with weight α/2 each.
 
     It keeps the moments those of a distribution of at least three depths where rounding would not, at the price of a
@@ -105,9 +105,9 @@ def decode_moments(
     values: Values,
     depth: Numbers,
     problem: str = "hamburger",
-    moment_bias: float = 3e-6,
-    bleed_low: float = 0.0,
-    bleed_high: float = 1.0,
+    moment_bias: ScalarLike = 3e-6,
+    bleed_low: ScalarLike = 0.0,
+    bleed_high: ScalarLike = 1.0,
 ) -> Numbers:
     """Visibility from four averaged moments: the bound, its low end cut.
 

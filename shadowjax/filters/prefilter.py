@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice, require_int
-from shadowjax._types import Array, Float
+from shadowjax._types import Array, Float, ScalarLike
 from shadowjax.filters.base import Lookup
 from shadowjax.maps.blur import KERNELS, Weights, blur, kernel_radius, kernel_weights
 from shadowjax.maps.pyramid import mip_chain, mip_level, read_anisotropic, read_trilinear
@@ -106,9 +106,7 @@ class Prefilter(Checked):
 
 
 @checked
-def unit_depth(
-    depth: Float[Array, "*shape"], near: Float[Array, ""] | float, far: Float[Array, ""] | float
-) -> Float[Array, "*shape"]:
+def unit_depth(depth: Float[Array, "*shape"], near: ScalarLike, far: ScalarLike) -> Float[Array, "*shape"]:
     """Depths as parts of a range, [0, 1] inside it: what filters that average encoded depths store and are asked for.
 
     Args:

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from shadowjax._checked import checked
 from shadowjax._checks import concrete, require, require_value
-from shadowjax._types import Array, Float
+from shadowjax._types import Array, Float, ScalarLike
 from shadowjax.filters.prefilter import Prefilter
 from shadowjax.filters.prefiltered import Prefiltered, Values
 
@@ -17,7 +17,7 @@ Numbers = Float[Array, "*points"]
 
 @checked
 def surface_slopes(
-    depth: Float[Array, "rows cols"], limit: float | None = None
+    depth: Float[Array, "rows cols"], limit: ScalarLike | None = None
 ) -> tuple[Float[Array, "rows cols"], Float[Array, "rows cols"]]:
     """Depth change over one texel along columns and along rows, of the surface seen at each texel.
 
@@ -51,7 +51,7 @@ def surface_slopes(
 
 @checked
 def depth_moments(
-    depth: Float[Array, "rows cols"], footprint: float = 0.25, slope_limit: float | None = None
+    depth: Float[Array, "rows cols"], footprint: ScalarLike = 0.25, slope_limit: ScalarLike | None = None
 ) -> Float[Array, "2 rows cols"]:
     """First and second moment of depth inside each texel, for a surface that is flat there.
 
@@ -74,7 +74,7 @@ def depth_moments(
 
 
 @checked
-def variance_of(mean: Numbers, square: Numbers, min_variance: float = 0.0) -> Numbers:
+def variance_of(mean: Numbers, square: Numbers, min_variance: ScalarLike = 0.0) -> Numbers:
     """σ² = M₂ − M₁², not less than `min_variance`: rounding can make it negative. Source: filtering, eqs 2.5, 2.6."""
     return jnp.maximum(square - mean * mean, jnp.asarray(min_variance, mean.dtype))
 
@@ -111,7 +111,7 @@ def _chebyshev(mean: Numbers, variance: Numbers, depth: Numbers) -> Numbers:
 
 
 @checked
-def linear_step(value: Numbers, low: float = 0.0, high: float = 1.0) -> Numbers:
+def linear_step(value: Numbers, low: ScalarLike = 0.0, high: ScalarLike = 1.0) -> Numbers:
     """(value − low)/(high − low), clamped to [0, 1]: darkens what bleeds through and rescales the rest.
 
     Args:
@@ -129,23 +129,23 @@ def linear_step(value: Numbers, low: float = 0.0, high: float = 1.0) -> Numbers:
 
 
 @checked
-def check_step(low: float, high: float) -> None:
+def check_step(low: ScalarLike, high: ScalarLike) -> None:
     """Complain unless 0 ≤ low < high ≤ 1, where both are known."""
     known = concrete(low) is not None and concrete(high) is not None
-    require(not known or 0 <= low < high <= 1, f"0 ≤ bleed_low < bleed_high ≤ 1 must hold; got {low} and {high}")
+    require(not known or bool(0 <= low < high <= 1), f"0 ≤ bleed_low < bleed_high ≤ 1 must hold; got {low} and {high}")
 
 
 @checked
-def check_spread(min_variance: float, footprint: float, slope_limit: float) -> None:
+def check_spread(min_variance: ScalarLike, footprint: ScalarLike, slope_limit: ScalarLike) -> None:
     """Complain about a negative least variance, footprint or limit of slopes."""
-    require(min_variance >= 0, f"min_variance must not be negative; got {min_variance}")
-    require(footprint >= 0, f"footprint is a mean square, ≥ 0; got {footprint}")
-    require(slope_limit >= 0, f"slope_limit must not be negative; got {slope_limit}")
+    require(bool(min_variance >= 0), f"min_variance must not be negative; got {min_variance}")
+    require(bool(footprint >= 0), f"footprint is a mean square, ≥ 0; got {footprint}")
+    require(bool(slope_limit >= 0), f"slope_limit must not be negative; got {slope_limit}")
 
 
 @checked
 def encode_variance(
-    depth: Float[Array, "rows cols"], footprint: float = 0.25, slope_limit: float = 0.05
+    depth: Float[Array, "rows cols"], footprint: ScalarLike = 0.25, slope_limit: ScalarLike = 0.05
 ) -> Float[Array, "2 rows cols"]:
     """What a variance shadow map stores: two moments, to be averaged.
 
@@ -159,7 +159,11 @@ def encode_variance(
 
 @checked
 def decode_variance(
-    values: Values, depth: Numbers, min_variance: float = 1e-6, bleed_low: float = 0.0, bleed_high: float = 1.0
+    values: Values,
+    depth: Numbers,
+    min_variance: ScalarLike = 1e-6,
+    bleed_low: ScalarLike = 0.0,
+    bleed_high: ScalarLike = 1.0,
 ) -> Numbers:
     """Visibility from averaged moments: Chebyshev's bound, its low end cut.
 

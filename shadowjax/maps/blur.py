@@ -8,16 +8,16 @@ import numpy as np
 
 from shadowjax._checked import checked
 from shadowjax._checks import NOT_NEGATIVE, concrete, require, require_choice, require_int
-from shadowjax._types import Array, Float
+from shadowjax._types import Array, Float, ScalarLike
 from shadowjax.maps.sampling import BORDERS, read_texels
 
 KERNELS = ("gaussian", "box")
 # Of the taps along one axis.
-Weights = np.ndarray | Float[Array, "taps"]
+Weights = Float[Array, "taps"] | np.ndarray
 
 
 @checked
-def gaussian_weights(size: int, sigma: float | None = None) -> Weights:
+def gaussian_weights(size: int, sigma: ScalarLike | None = None) -> Weights:
     """Weights of a sampled Gaussian along one axis; they add up to 1.
 
     Args:
@@ -39,8 +39,10 @@ def gaussian_weights(size: int, sigma: float | None = None) -> Weights:
         known is None or bool(np.isfinite(known) and known > 0), f"sigma of a Gaussian must be positive; got {sigma}"
     )
     offsets = np.arange(-radius, radius + 1)
-    exponents = -0.5 * (offsets / sigma) ** 2
-    weights = np.exp(exponents) if known is not None else jnp.exp(exponents)
+    if known is not None:
+        weights = np.exp(-0.5 * (offsets / known) ** 2)
+    else:
+        weights = jnp.exp(-0.5 * (jnp.asarray(offsets, jnp.result_type(sigma)) / sigma) ** 2)
     return weights / weights.sum()
 
 
@@ -59,7 +61,7 @@ def box_weights(size: int) -> np.ndarray:
 
 
 @checked
-def kernel_weights(kernel: str, size: int, sigma: float | None = None) -> Weights:
+def kernel_weights(kernel: str, size: int, sigma: ScalarLike | None = None) -> Weights:
     """Weights of a named kernel (`KERNELS`) along one axis."""
     require_choice(kernel, "kernel", KERNELS)
     return box_weights(size) if kernel == "box" else gaussian_weights(size, sigma)
@@ -75,6 +77,12 @@ def kernel_radius(size: int) -> int:
     require_int(size, "kernel size", 1)
     require(size % 2 == 1, f"a blur kernel needs an odd size, so that it has a centre; got {size}, use {size + 1}")
     return (size - 1) // 2
+
+
+def known_weights(weights: Weights) -> Weights:
+    """Of NumPy where they are known, so that programs hold them as numbers."""
+    known = concrete(weights)
+    return weights if known is None else known
 
 
 @checked
@@ -114,6 +122,7 @@ def blur(planes: Float[Array, "n more_rows more_cols"], weights: Weights) -> Flo
         weights: Of an odd number of taps along one axis.
     """
     kernel_radius(len(weights))
+    weights = known_weights(weights)
     if len(weights) == 1:
         return planes * jnp.asarray(weights[0], planes.dtype)
     across = _sum_along(planes, weights, 2)

@@ -54,7 +54,20 @@ def starting_outside(space: LightSpace, plane_map: PlaneMap, mesh: Mesh, resolut
         mesh: Everything that casts or receives.
         resolution: Texels along each side.
     """
-    lower, upper = part_on_map(space, plane_map, mesh)
+    return grid_around(space, plane_map, *part_on_map(space, plane_map, mesh), resolution)
+
+
+@checked
+def grid_around(space: LightSpace, plane_map: PlaneMap, lower: Vector3, upper: Vector3, resolution: int) -> RayGrid:
+    """The grid of a map whose rays start before a box and end beyond it; see `starting_outside`.
+
+    Args:
+        space: The light's rays. Those of a directional light get a new start on their own lines.
+        plane_map: Where the map lies on the light's plane.
+        lower: Lower corner of the box, as an offset from the space's `source`, world units.
+        upper: Upper corner of the box, likewise.
+        resolution: Texels along each side.
+    """
     if space.is_parallel:
         # As `DirectionalLight.space` starts the rays of a scene: outside the sphere around it, a hundredth of it
         # away; and by what the rounding of the starts may move them.
@@ -158,4 +171,4 @@ def _cut(
     return jnp.min(jnp.stack(lower), axis=0), jnp.max(jnp.stack(upper), axis=0), some
 
 
-__all__ = ["part_on_map", "seen_space", "starting_outside"]
+__all__ = ["grid_around", "part_on_map", "seen_space", "starting_outside"]

@@ -5,8 +5,9 @@ import math
 from collections.abc import Sequence
 from fractions import Fraction
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from shadowjax._checked import checked
 from shadowjax._checks import require, require_int
@@ -139,7 +140,26 @@ def count_tones(visibility: ArrayLike, mask: ArrayLike | None = None, tolerance:
     return int(tones(visibility, mask, tolerance).size)
 
 
+@checked
+def tone_count(
+    visibility: Float[Array, "*shape"], mask: Bool[Array, "*shape"] | None = None, tolerance: float = 1e-4
+) -> Int[Array, ""]:
+    """`count_tones` as a function of arrays, for `jit` and `vmap`: clusters of values, told apart by sorting.
+
+    Args:
+        visibility: Finite values.
+        mask: Where to look; everywhere if None.
+        tolerance: Values closer than this are one tone, > 0; see `tones`.
+    """
+    looked_at = jnp.ones(visibility.shape, bool) if mask is None else mask
+    # What is not looked at becomes one of the values that are, and no tone of its own.
+    some = jnp.max(jnp.where(looked_at, visibility, -jnp.finfo(visibility.dtype).max))
+    values = jnp.sort(jnp.where(looked_at, visibility, some).ravel())
+    count = 1 + jnp.sum(jnp.diff(values) > tolerance, dtype=jnp.int32)
+    return jnp.where(jnp.any(looked_at), count, 0)
+
+
 __all__ = [
     "POLICIES", "axis_step_tones", "count_sums", "count_tones", "diagonal_step_tones", "edge_shift",
-    "exhaustive_tones", "max_tones", "nominal_tones", "predicted_tones", "straight_edge_tones", "tones",
+    "exhaustive_tones", "max_tones", "nominal_tones", "predicted_tones", "straight_edge_tones", "tone_count", "tones",
 ]  # fmt: skip

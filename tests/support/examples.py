@@ -32,7 +32,7 @@ def parts() -> dict[str, Any]:
     shadows = sj.ShadowMapping(resolution=8).build(mesh, light, camera)
     return {
         "mesh": mesh, "camera": camera, "light": light, "grid": grid, "map": map_, "points": points,
-        "normals": normals, "lookup": lookup, "surface": surface, "shadows": shadows, "edges": sj.mesh_edges(mesh),
+        "normals": normals, "surface": surface, "shadows": shadows, "edges": sj.mesh_edges(mesh),
         "depth": jnp.asarray(np.linspace(0.1, 0.9, 16, dtype=np.float32).reshape(4, 4)),
         "rays": sj.Rays.create(points + jnp.asarray([0.0, 1.0, 0.0]), (0.0, -1.0, 0.0)),
         "receiver": sj.plane_receiver(*np.eye(3, dtype=np.float32), np.zeros(2), np.ones(2), (3, 3))[0],
@@ -46,7 +46,6 @@ def examples(folder: Path) -> dict[str, tuple[Callable[..., Any], Mapping[str, A
     x, y = jnp.asarray([1.0, 0.0, 0.0]), jnp.asarray([0.0, 1.0, 0.0])
     scene = {"mesh": p["mesh"], "light": p["light"], "camera": p["camera"]}
     seen = {"points": p["points"], "normals": p["normals"]}
-    depth, planes = p["depth"], p["depth"][None]
     eye = {"position": x, "direction": y, "color": x}
     made: dict[str, Mapping[str, Any]] = {
         "AdaptiveShadowMapping": {
@@ -153,13 +152,9 @@ def examples(folder: Path) -> dict[str, tuple[Callable[..., Any], Mapping[str, A
             "tight": True, "blend": 0.0, "choose": "map", "cuts": None, "num_rows": 8, "caster": sj.BruteForceCaster(),
         },
         "Cascades.at": {"cuts": (1.0, 2.0)},
-        "bilinear_percentage_closer": {"planes": planes, "lookup": p["lookup"], "kernel_size": 1},
         "build_shadow_map": {"caster": sj.BruteForceCaster(), "mesh": p["mesh"], "grid": p["grid"], "layer": "first"},
         "camera_grid": {"camera": p["camera"], "width": 4, "height": 3},
         "astype": {"tree": p["mesh"], "dtype": jnp.float32},
-        "composite_attenuation": {
-            "stored_depths": jnp.ones((3, 2)), "receiver_depth": jnp.ones(2), "bias": jnp.zeros(2),
-        },
         "coverage_depth": {
             "mesh": p["mesh"], "edges": p["edges"], "grid": p["grid"], "caster": sj.BruteForceCaster(), "max_pairs": 64,
         },
@@ -172,15 +167,10 @@ def examples(folder: Path) -> dict[str, tuple[Callable[..., Any], Mapping[str, A
         "make_partition": {"name": "z"},
         "make_scene": {"name": "cubes", "num_triangles": None, "dtype": jnp.float32},
         "make_technique": {"name": "hard", "resolution": 8, "caster": sj.BruteForceCaster()},
-        "max_neighbour": {"depth": depth, "size": 3, "include_centre": True},
         "mesh_edges": {"mesh": p["mesh"], "weld": True},
-        "min_max_neighbours": {"depth": depth, "size": 3, "include_centre": True},
-        "min_neighbour": {"depth": depth, "size": 3, "include_centre": True},
-        "percentage_closer": {"planes": planes, "lookup": p["lookup"], "kernel_size": 2, "spacing": 1.0},
         "plane_receiver": {
             "origin": x, "axis_u": x, "axis_v": y, "lower": jnp.zeros(2), "upper": jnp.ones(2), "shape": (3, 3),
         },
-        "ring": {"depth": depth, "num_depths": 4, "radius": 1},
         "shade": {
             "surface": p["surface"], "lights": (p["light"],), "visibilities": (jnp.ones((3, 4)),),
             "material": sj.Material(), "samples_per_axis": 1,

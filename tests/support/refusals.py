@@ -18,8 +18,7 @@ import shadowjax as sj
 SLOW = (
     "AdaptiveShadowMapping().build", "ShadowVolumes().build", "coverage_depth", "coverage_planes", "shade",
     "shadow_picture", "shadows.visibility", "trace_surface", "visibility_on", "build_shadow_map", "intersect",
-    "bilinear_percentage_closer", "percentage_closer", "max_neighbour", "min_neighbour", "min_max_neighbours", "ring",
-    "composite_attenuation", "Exact().build", "ShadowMapping().build", "make_scene", "mesh_edges",
+    "Exact().build", "ShadowMapping().build", "make_scene", "mesh_edges",
 )  # fmt: skip
 # Any tree can be given a dtype; a class that cannot be called with a depth is a function all the same.
 GOOD_AFTER_ALL = {("astype", "tree"), ("coverage_planes", "encode")}
