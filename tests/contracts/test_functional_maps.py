@@ -1,4 +1,4 @@
-"""The arrays of `sj.functional` are those of the objects: a map on the rays of a light, and every filter that reads it."""
+"""What `sj.functional` makes is what the objects make: the map of a light, and every filter that reads it."""
 
 import jax
 import jax.numpy as jnp

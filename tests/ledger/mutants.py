@@ -50,11 +50,17 @@ LEDGER = tuple(
     )
 )  # fmt: skip
 MOST_ROWS = 40  # that a mutant is tried against, the cheapest first
-# What these modules hold next to closed forms: measurements, searches and a sort, and a constructor.
+# What these modules hold next to closed forms: measurements, searches and sorts, a constructor, and what puts closed
+# forms together for filters.
 OTHERS = {
     "theory.cost.dependence", "theory.cost.count_build_fetches", "theory.cost.count_lookup_fetches",
     "theory.limits.measured_deviation", "theory.limits.measured_exponent", "theory.tones.tones",
-    "theory.tones.count_tones", "theory.windows.enumerated_histogram",
+    "theory.tones.count_tones", "theory.tones.tone_count", "filters.variance.encode_variance",
+    "filters.variance.decode_variance", "filters.exponential.encode_exponential",
+    "filters.exponential.decode_exponential", "filters.exponential._limited_test",
+    "filters.convolution.encode_convolution", "filters.convolution.decode_convolution",
+    "filters.convolution.encode_mean_depth", "filters.convolution.decode_mean_depth",
+    "filters.convolution.depth_squeeze", "filters.convolution._series_depth", "filters.convolution._finished", "theory.windows.enumerated_histogram",
     "theory.aliasing.light_frustum.LightFrustum.create",
     "partitions.adaptive.refinement.wishes",
 }  # fmt: skip

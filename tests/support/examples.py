@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 
 import shadowjax as sj
-from shadowjax.filters.base import Lookup
 
 TRIANGLES = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.4, 0.5, -0.3]])
 FACES = np.array([[0, 1, 2], [0, 1, 3]])
@@ -26,14 +25,11 @@ def parts() -> dict[str, Any]:
     map_ = sj.build_shadow_map(sj.BruteForceCaster(), mesh, grid)
     points = jnp.asarray(np.array([[0.1, 0.0, -0.2], [0.3, 0.0, -0.4]], np.float32))
     normals = jnp.asarray(np.array([[0.0, 1.0, 0.0], [0.0, 1.0, 0.0]], np.float32))
-    near, bias = jnp.full(2, 0.5), jnp.zeros(2)
-    lookup = Lookup(jnp.asarray([[1.5, 1.5], [2.5, 0.5]]), near, bias, jnp.full(2, 0.1))
     surface = sj.trace_surface(mesh, camera, 4, 3, sj.BruteForceCaster())
     shadows = sj.ShadowMapping(resolution=8).build(mesh, light, camera)
     return {
         "mesh": mesh, "camera": camera, "light": light, "grid": grid, "map": map_, "points": points,
         "normals": normals, "surface": surface, "shadows": shadows, "edges": sj.mesh_edges(mesh),
-        "depth": jnp.asarray(np.linspace(0.1, 0.9, 16, dtype=np.float32).reshape(4, 4)),
         "rays": sj.Rays.create(points + jnp.asarray([0.0, 1.0, 0.0]), (0.0, -1.0, 0.0)),
         "receiver": sj.plane_receiver(*np.eye(3, dtype=np.float32), np.zeros(2), np.ones(2), (3, 3))[0],
     }  # fmt: skip
