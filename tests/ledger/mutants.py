@@ -60,7 +60,8 @@ OTHERS = {
     "filters.exponential.decode_exponential", "filters.exponential._limited_test",
     "filters.convolution.encode_convolution", "filters.convolution.decode_convolution",
     "filters.convolution.encode_mean_depth", "filters.convolution.decode_mean_depth",
-    "filters.convolution.depth_squeeze", "filters.convolution._series_depth", "filters.convolution._finished", "theory.windows.enumerated_histogram",
+    "filters.convolution.depth_squeeze", "filters.convolution._series_depth", "filters.convolution._finished",
+    "theory.windows.enumerated_histogram",
     "theory.aliasing.light_frustum.LightFrustum.create",
     "partitions.adaptive.refinement.wishes",
 }  # fmt: skip
