@@ -198,7 +198,7 @@ class FourierStep(Checked):
         require(self.scale > 0, f"scale must be positive; got {self.scale}")
 
     @property
-    def squeeze(self) -> float:
+    def squeeze(self) -> ScalarLike:
         """Factor on depths (`depth_squeeze`)."""
         return depth_squeeze(self.terms, self.offset)
 

@@ -41,14 +41,14 @@ LIBRARY = {
     "theory.aliasing.light_frustum": False, "theory.aliasing.optimal": False,
     "theory.aliasing.error": False, "warps.logarithmic": False,
 }  # fmt: skip
+_LEDGER = Path(equation_module.__file__).parent
 LEDGER = tuple(
-    f"ledger.{name}"
-    for name in (
-        "_filtering_bases", "_filtering_exponential", "_filtering_limits", "_filtering_moments", "_mdsm_addressing",
-        "_mdsm_cost", "_mdsm_tones", "_volumes", "_warping_beyond", "_warping_general", "_warping_overhead",
-        "_warping_partition", "asm", "filtering", "stencil",
+    sorted(
+        ".".join(("ledger", *path.relative_to(_LEDGER).with_suffix("").parts))
+        for path in _LEDGER.rglob("*.py")
+        if path.stem not in ("__init__", "equation", "inputs", "reference")
     )
-)  # fmt: skip
+)
 MOST_ROWS = 40  # that a mutant is tried against, the cheapest first
 # What these modules hold next to closed forms: measurements, searches and sorts, a constructor, and what puts closed
 # forms together for filters.
