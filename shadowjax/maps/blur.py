@@ -79,6 +79,7 @@ def kernel_radius(size: int) -> int:
     return (size - 1) // 2
 
 
+@checked
 def known_weights(weights: Weights) -> Weights:
     """Of NumPy where they are known, so that programs hold them as numbers."""
     known = concrete(weights)
