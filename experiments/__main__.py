@@ -66,10 +66,15 @@ def _tell(outcome: "Outcome", seconds: float, picture: Path) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run what the command line asks for; returns the exit code."""
-    return _process.exit_code(PROGRAM, lambda: _run(arguments), "ask for smaller pictures and maps in a --config file")
+    return _process.exit_code(PROGRAM, lambda: run(arguments), "ask for smaller pictures and maps in a --config file")
 
 
-def _run(arguments: Sequence[str] | None) -> int:
+def run(arguments: Sequence[str] | None = None) -> int:
+    """As `main`, but what goes wrong is raised.
+
+    Raises:
+        ValueError: If there is no such experiment, or its settings cannot be used.
+    """
     asked = _parser().parse_args(arguments)
     if asked.config is not None and asked.name == "all":
         raise ValueError("--config belongs to one experiment; give its NAME")

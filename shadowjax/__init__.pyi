@@ -20,6 +20,9 @@ from . import volumes as volumes
 from . import warps as warps
 from ._types import astype as astype
 from .bias.rule import Bias as Bias
+from .evaluate.compare import compare as compare
+from .evaluate.compare import measure as measure
+from .evaluate.picture import render as render
 from .filters.brabec_seidel import PropagatedNeighbours as PropagatedNeighbours
 from .filters.brabec_seidel import Supersampled as Supersampled
 from .filters.convolution import Convolution as Convolution
@@ -56,12 +59,14 @@ from .partitions.faces import FacePartition as FacePartition
 from .partitions.registry import PARTITIONS as PARTITIONS
 from .partitions.registry import make_partition as make_partition
 from .partitions.single import SingleMap as SingleMap
+from .presets.names import make_technique as make_technique
 from .rays.brute import BruteForceCaster as BruteForceCaster
 from .rays.ray import Hit as Hit
 from .rays.ray import Rays as Rays
 from .rays.ray import intersect as intersect
 from .rays.ray_grid import RayGrid as RayGrid
 from .rays.ray_grid import camera_grid as camera_grid
+from .scenes.loading import load_scene as load_scene
 from .scenes.registry import SCENES as SCENES
 from .scenes.registry import Scene as Scene
 from .scenes.registry import make_scene as make_scene
@@ -78,7 +83,6 @@ from .techniques.adaptive import AdaptiveShadowMapping as AdaptiveShadowMapping
 from .techniques.exact import Exact as Exact
 from .techniques.jittered import JitteredLights as JitteredLights
 from .techniques.registry import TECHNIQUES as TECHNIQUES
-from .techniques.registry import make_technique as make_technique
 from .techniques.shadow_mapping import ShadowMapping as ShadowMapping
 from .techniques.shadow_volumes import ShadowVolumes as ShadowVolumes
 from .volumes.stencil import Stencil as Stencil

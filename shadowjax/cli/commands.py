@@ -3,7 +3,6 @@
 import math
 import os
 import shlex
-import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +15,8 @@ from shadowjax import io
 from shadowjax._checks import require, require_choice
 from shadowjax._process import complain
 from shadowjax.cli import options
-from shadowjax.cli.console import Steps, say, show_table
+from shadowjax.cli.console import Steps, labelled, say, short, show_table, write_json
+from shadowjax.cli.lists import experiments, presets, scenes, techniques
 from shadowjax.cli.scene_choice import open_scene
 
 
@@ -49,17 +49,6 @@ def _keep_compiled() -> None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 
-def _write_json(path: str | None, content: Any) -> bool:
-    """Write where `--json` says; whether standard output now belongs to the JSON."""
-    if path is None:
-        return False
-    if io.is_standard_output(path):
-        sys.stdout.write(io.json_text(content, ascii_only="utf" not in (sys.stdout.encoding or "").lower()))
-        return True
-    io.write_json(path, content)
-    return False
-
-
 def _caster(picture: options.PictureOptions) -> Any:
     """The caster asked for."""
     from shadowjax.rays.casters import default_caster, make_caster
@@ -75,8 +64,8 @@ def report(chosen: options.Report) -> int:
     picture = chosen.picture
     equation = () if chosen.equations == ("none",) else chosen.equations
     settings = Settings(
-        chosen.techniques or DEFAULT_TECHNIQUES, picture.width, picture.height, picture.resolution, picture.samples,
-        equation, chosen.sweep,
+        labelled(chosen.techniques) or DEFAULT_TECHNIQUES, picture.width, picture.height, picture.resolution,
+        picture.samples, equation, chosen.sweep,
     )  # fmt: skip
     caster = _caster(picture)
     scene = open_scene(chosen.scene, chosen.setting, picture)
@@ -108,9 +97,8 @@ def _changed(chosen: options.Report) -> list[str]:
 
 def render(chosen: options.Render) -> int:
     """Write one picture."""
-    from shadowjax.geometry.smoothing import smooth_corner_groups
-    from shadowjax.shading import shade, trace_surface, visibility_on
-    from shadowjax.techniques.registry import make_technique
+    from shadowjax.evaluate.picture import render as draw
+    from shadowjax.presets.names import make_technique
 
     require(bool(chosen.output), "say where to write the picture: -o image.png")
     require(
@@ -118,20 +106,14 @@ def render(chosen: options.Render) -> int:
     )
     io.check_output(chosen.output)
     picture, caster = chosen.picture, _caster(chosen.picture)
-    technique = make_technique(chosen.technique, picture.resolution, caster)
+    make_technique(chosen.technique, picture.resolution, caster)  # complain before the scene is made
     scene = open_scene(chosen.scene, chosen.setting, picture)
     with Steps("render") as steps:
-        steps("camera rays")
-        groups = smooth_corner_groups(scene.mesh)
-        surface = trace_surface(
-            scene.mesh, scene.camera, picture.width, picture.height, caster, groups, picture.samples
-        )
-        steps(f"shadows by {chosen.technique}")
-        visibilities = tuple(
-            visibility_on(surface, technique.build(scene.mesh, light, scene.camera)) for light in scene.lights
-        )
-        image = np.asarray(shade(surface, scene.lights, visibilities, samples_per_axis=picture.samples))
-        path = io.write_png(chosen.output, image)
+        image = draw(
+            scene, chosen.technique, picture.width, picture.height, picture.resolution, picture.samples, caster,
+            progress=steps,
+        )  # fmt: skip
+        path = io.write_png(chosen.output, np.asarray(image))
     say(f"{path}: {picture.width} × {picture.height}, {scene.name}, {chosen.technique}")
     return 0
 
@@ -142,11 +124,12 @@ def compare(chosen: options.Compare) -> int:
     from shadowjax.report.advisor import bytes_text
     from shadowjax.techniques.registry import TECHNIQUES
 
-    names = tuple(chosen.techniques or TECHNIQUES)
+    asked = labelled(chosen.techniques) or {name: name for name in TECHNIQUES}
     if chosen.presets:
+        from shadowjax.presets.names import PREFIX
         from shadowjax.presets.registry import PRESETS
 
-        names += tuple(name for preset in PRESETS if (name := f"preset:{preset}") not in names)
+        asked |= {PREFIX + name: PREFIX + name for name in PRESETS}
     if chosen.pareto is not None:
         require(chosen.pareto.lower().endswith(".png"), f"--pareto writes a PNG: {chosen.pareto} must end in .png")
         io.check_output(chosen.pareto)
@@ -154,14 +137,14 @@ def compare(chosen: options.Compare) -> int:
     scene = open_scene(chosen.scene, chosen.setting, picture)
     with Steps("compare") as steps:
         records = run_compare(
-            scene, names, width=picture.width, height=picture.height,
+            scene, asked, width=picture.width, height=picture.height,
             resolution=picture.resolution, samples_per_axis=picture.samples, caster=caster, progress=steps,
         )  # fmt: skip
     if chosen.pareto is not None:
         from shadowjax.plotting import figure_png, pareto
 
         io.write_bytes(chosen.pareto, figure_png(pareto(records, f"{scene.name}, maps of {picture.resolution}²")))
-    if _write_json(chosen.json, [record.to_json() for record in records]):
+    if write_json(chosen.json, [record.to_json() for record in records]):
         return 0
     columns = (
         "technique", "light error", "RMS error", "false light", "false shadow", "bleed", "edges off", "tones", "of",
@@ -197,7 +180,7 @@ def verify(chosen: options.Verify) -> int:
     with Steps(f"verify {len(wanted)} equations") as steps:
         results = equation.verify(wanted, lambda result: steps(f"{result.id} {'' if result.passed else 'FAILED'}"))
     failed = [result for result in results if not result.passed]
-    if not _write_json(chosen.json, equation.to_json(results)):
+    if not write_json(chosen.json, equation.to_json(results)):
         rows = [
             (r.id, r.source, r.verdict, r.kind, len(r.checks), "passed" if r.passed else "FAILED") for r in results
         ]  # fmt: skip
@@ -208,66 +191,16 @@ def verify(chosen: options.Verify) -> int:
     return 1 if failed else 0
 
 
-def presets(chosen: options.Presets) -> int:
-    """List the presets, or show one."""
-    from shadowjax.presets.registry import PRESETS, preset
-
-    if chosen.name is not None:
-        one = preset(chosen.name)
-        if _write_json(chosen.json, one.to_json()):
-            return 0
-        rows = [
-            (p.name, _short(list(p.value) if isinstance(p.value, tuple) else p.value), p.unit,
-             "" if p.verified else "unverified", p.here)
-            for p in one.parameters
-        ]  # fmt: skip
-        show_table(f"{one.engine}: {one.description}", ("parameter", "value", "unit", "", "here"), rows)
-        for missing in one.missing:
-            say(f"no counterpart: {missing}")
-        return 0
-    if _write_json(chosen.json, [one.to_json() for one in PRESETS.values()]):
-        return 0
-    rows = [(one.name, one.engine, f"{one.resolution}²", one.description) for one in PRESETS.values()]
-    show_table("presets", ("name", "engine", "maps", "what it is"), rows, numeric=(2,))
-    return 0
-
-
-def scenes(chosen: options.Scenes) -> int:
-    """List the scenes."""
-    from shadowjax.scenes.registry import SCENES
-
-    names = ("name", "description", "source", "default_triangles", "min_triangles", "max_triangles")
-    if _write_json(chosen.json, [{name: getattr(family, name) for name in names} for family in SCENES.values()]):
-        return 0
-    rows = [
-        (
-            family.name,
-            f"{family.default_triangles:,}",
-            f"{family.min_triangles:,} … {family.max_triangles:,}" if family.scales else "one size",
-            family.description,
-        )
-        for family in SCENES.values()
-    ]
-    show_table("built-in scenes", ("name", "triangles", "adjustable", "what it is"), rows, numeric=(1, 2))
-    return 0
-
-
 def _optimized(path: str | None, content: dict[str, Any]) -> int:
     """Write an optimiser's answer, or show its numbers."""
-    if not _write_json(path, content):
-        rows = [(name, _short(value)) for name, value in content.items() if not isinstance(value, dict)]
+    if not write_json(path, content):
+        rows = [(name, short(value)) for name, value in content.items() if not isinstance(value, dict)]
         for name in ("baselines", "test_baselines"):
             rows += [
-                (f"{name.replace('_', ' ')[:-1]} {key}", _short(value)) for key, value in content.get(name, {}).items()
+                (f"{name.replace('_', ' ')[:-1]} {key}", short(value)) for key, value in content.get(name, {}).items()
             ]
         show_table("", ("quantity", "value"), rows)
     return 0
-
-
-def _short(value: Any) -> str:
-    if isinstance(value, list | tuple):
-        return ", ".join(_short(one) for one in value)
-    return f"{value:.8g}" if isinstance(value, float) else str(value)
 
 
 def near_distance(chosen: options.NearDistance) -> int:
@@ -296,16 +229,16 @@ def splits(chosen: options.Splits) -> int:
 def bias_search(chosen: options.BiasSearch) -> int:
     """Search the bias of a technique's filter."""
     from shadowjax.optimize.viewed.bias import bias
-    from shadowjax.techniques.registry import make_technique
+    from shadowjax.presets.names import make_technique
     from shadowjax.techniques.shadow_mapping import ShadowMapping
 
     technique = make_technique(chosen.technique, chosen.search.resolution)
-    if not isinstance(technique, ShadowMapping):
+    if not isinstance(technique, ShadowMapping):  # complain before the work, not after it
         raise ValueError(f"{chosen.technique} reads no map, so it has no bias; choose another technique")
     with Steps("optimize bias") as steps:
         views = _views(chosen.search, chosen.search.scenes, steps)
         steps(f"biases of {chosen.technique} in {chosen.unit} units")
-        content = bias(views, technique.filter, chosen.unit).to_dict()
+        content = bias(views, technique, chosen.unit).to_dict()
     return _optimized(chosen.search.json, content)
 
 
@@ -368,6 +301,8 @@ _RUN = {
     options.Verify: verify,
     options.Scenes: scenes,
     options.Presets: presets,
+    options.Techniques: techniques,
+    options.Experiments: experiments,
     options.NearDistance: near_distance,
     options.Splits: splits,
     options.BiasSearch: bias_search,

@@ -12,6 +12,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from shadowjax import io
+from shadowjax._checks import require
 from shadowjax._printable import approximate, one_line
 
 _WIDTH_OF_FILES = 200
@@ -109,3 +111,36 @@ def _shown(text: str, stream: Any = None) -> str:
     """One line in characters that a stream can show; replaced before tables are laid out, so that columns align."""
     encoding = getattr(sys.stdout if stream is None else stream, "encoding", None) or "utf-8"
     return approximate(one_line(text), encoding)
+
+
+def write_json(path: str | None, content: Any) -> bool:
+    """Write where `--json` says; whether standard output now belongs to the JSON."""
+    if path is None:
+        return False
+    if io.is_standard_output(path):
+        sys.stdout.write(io.json_text(content, ascii_only="utf" not in (sys.stdout.encoding or "").lower()))
+        return True
+    io.write_json(path, content)
+    return False
+
+
+def labelled(names: Sequence[str]) -> dict[str, str]:
+    """Techniques by the names they are shown under: LABEL=NAME, or the name itself.
+
+    Raises:
+        ValueError: If a name is given twice, or a label is empty.
+    """
+    made: dict[str, str] = {}
+    for word in names:
+        label, equals, name = word.partition("=")
+        require(bool(label), f"a technique is NAME or LABEL=NAME; got {word!r}")
+        require(label not in made, f"give each technique once; got {label} more than once")
+        made[label] = name if equals else label
+    return made
+
+
+def short(value: Any) -> str:
+    """A value as a cell of a table."""
+    if isinstance(value, list | tuple):
+        return ", ".join(short(one) for one in value)
+    return f"{value:.8g}" if isinstance(value, float) else str(value)

@@ -28,7 +28,9 @@ COMMANDS: Mapping[str, type] = {
     "optimize exponent": options.ExponentSearch,
     "optimize taps": options.TapsSearch,
     "scenes": options.Scenes,
+    "techniques": options.Techniques,
     "presets": options.Presets,
+    "experiments": options.Experiments,
 }
 
 PROGRAM = "shadowjax"
@@ -121,7 +123,7 @@ def parse(kind: type[_Options], name: str, words: Sequence[str]) -> _Options | N
     """
     given = _tyro(kind, name, words, None)
     path = getattr(getattr(given, "search", given), "config", None)
-    if given is None or path is None:
+    if given is None or path is None or kind is options.Experiments:  # whose settings are not options
         return given
     try:
         base = _tyro(kind, name, _flags_of(path, kind), None)
@@ -172,6 +174,12 @@ def _flags_of(path: str, kind: type) -> list[str]:
             hint = f"did you mean {near[0]!r}?" if near else f"the options are {', '.join(sorted(known))}"
             raise BadInput(f"unknown option {key!r}; {hint}")
         flag = "--" + key.replace("_", "-")
+        if isinstance(value, dict) and key == "techniques":
+            # A table of names of one's own: as `--techniques LABEL=NAME`.
+            wrong = [label for label, name in value.items() if not isinstance(name, str)]
+            if wrong or not value:
+                raise BadInput("the table [techniques] needs lines such as ours = 'z4+minimax+evsm4'")
+            value = [f"{label}={name}" for label, name in value.items()]
         if isinstance(value, dict):
             raise BadInput(f"option {key!r} must be a value, not a table")
         for one in value if isinstance(value, list) else [value]:

@@ -132,7 +132,7 @@ class PictureOptions:
     """Ray caster, brute, grid or bvh; the fastest by default. All give the same pictures."""
 
 
-Techniques = Annotated[tuple[str, ...], arg(metavar="NAME ...")]
+TechniqueNames = Annotated[tuple[str, ...], arg(metavar="NAME ...")]
 
 
 @dataclass(frozen=True)
@@ -143,8 +143,8 @@ class Report:
     """Name of a built-in scene, or a mesh file (OBJ, PLY, STL, GLB, ...)."""
     out: Annotated[str, arg(metavar="DIR")] = "out"
     """Folder to write into; other files in it stay as they are."""
-    techniques: Techniques = ()
-    """Techniques to show, or presets of engines as preset:NAME; a telling choice of thirteen by default."""
+    techniques: TechniqueNames = ()
+    """Techniques to show, as NAME or LABEL=NAME (`shadowjax techniques`); fourteen of every kind by default."""
     equations: Annotated[tuple[str, ...], arg(metavar="SOURCE ...")] = ("mdsm", "filtering", "stencil", "asm")
     """Sources whose equations the page verifies; `none` leaves the section out."""
     sweep: bool = True
@@ -164,7 +164,7 @@ class Render:
     output: Annotated[str, arg(aliases=["-o"], metavar="FILE")] = ""
     """PNG file to write, or to replace; must be given."""
     technique: Annotated[str, arg(metavar="NAME")] = "pcf-3x3"
-    """Shadow technique; `exact` traces a shadow ray for every sample."""
+    """Shadow technique, such as z4+minimax+evsm4; `exact` traces a shadow ray for every sample."""
     config: Annotated[str | None, _FILE] = None
     """TOML file with any of these options (names with underscores); flags win over it."""
     picture: OmitArgPrefixes[PictureOptions] = field(
@@ -179,8 +179,8 @@ class Compare:
 
     scene: Positional[Annotated[str, arg(metavar="SCENE")]] = DEFAULT_SCENE
     """Name of a built-in scene, or a mesh file."""
-    techniques: Techniques = ()
-    """Techniques to compare, or presets of engines as preset:NAME; all techniques by default."""
+    techniques: TechniqueNames = ()
+    """Techniques to compare, as NAME or LABEL=NAME (`shadowjax techniques`); one of every kind by default."""
     presets: bool = False
     """Whether to compare every preset besides."""
     pareto: Annotated[str | None, _FILE] = None
@@ -211,6 +211,30 @@ class Presets:
     """One preset, with all its parameters; the list of all if left out."""
     json: Annotated[str | None, _FILE] = None
     """File for what is shown; `-` writes to standard output and nothing else there."""
+
+
+@dataclass(frozen=True)
+class Techniques:
+    """Tokens that names of techniques are made of: list them, or what names mean and cost."""
+
+    names: Positional[TechniqueNames] = ()
+    """Names, or LABEL=NAME, such as z4+minimax+evsm4; all tokens if left out."""
+    json: Annotated[str | None, _FILE] = None
+    """File for what is shown; `-` writes to standard output and nothing else there."""
+
+
+@dataclass(frozen=True)
+class Experiments:
+    """Run figures and tables of the sources, and judge their claims; writes NAME.png and NAME.json."""
+
+    name: Positional[Annotated[str, arg(metavar="NAME")]] = ""
+    """An experiment, or `all`; must be given."""
+    quick: bool = False
+    """Whether to use the small settings of each: seconds instead of minutes."""
+    config: Annotated[str | None, _FILE] = None
+    """TOML file in place of configs/NAME.toml."""
+    out: Annotated[str, arg(metavar="DIR")] = "out/experiments"
+    """Folder to write into."""
 
 
 @dataclass(frozen=True)
@@ -299,7 +323,7 @@ class BiasSearch:
     """The bias of least error over scenes, next to the default that frees planes of acne."""
 
     technique: Annotated[str, arg(metavar="NAME")] = "pcf-3x3"
-    """Technique whose filter reads the maps."""
+    """Technique that reads shadow maps, such as pcf-3x3 or z4+minimax+pcf-3x3."""
     unit: Literal["slope", "texel", "world", "normal"] = "slope"
     """Unit of the bias; normal is an offset along the normal, in texels."""
     search: OmitArgPrefixes[SearchOptions] = field(default_factory=SearchOptions)

@@ -1,15 +1,13 @@
 """From names and flags to a scene: built-in or loaded, under the light and before the camera asked for."""
 
 import math
-from pathlib import Path
 
 from shadowjax import scenes
 from shadowjax._checks import require, require_memory
-from shadowjax._printable import printable
 from shadowjax.cli.options import PictureOptions, SceneOptions
-from shadowjax.geometry.mesh_files import load
 from shadowjax.scenes import staging
 from shadowjax.scenes.base import Scene
+from shadowjax.scenes.loading import load_scene
 
 # By `command time -v shadowjax render plate-over-plane --technique hard`: the resident memory grows by 246 bytes a ray
 # from 512² to 1024² pixels of 2 × 2 samples, and by 20 bytes a texel from maps of 1024² to 2048². Others take more.
@@ -29,14 +27,23 @@ def open_scene(name: str, setting: SceneOptions, picture: PictureOptions) -> Sce
     """
     _check_memory(picture)
     direction = _direction(setting)
-    if name in scenes.SCENES:
-        scene = _built_in(name, setting)
-        default = setting.light == "directional" and direction is None and setting.light_position is None
-        scene = scene if default else staging.relit(scene, setting.light, direction, setting.light_position)
+    is_built_in = name in scenes.SCENES
+    if is_built_in:
+        require(
+            setting.ground and setting.up == "auto",
+            f"--no-ground and --up are for mesh files; {name} is a built-in scene with its own ground",
+        )
+        scene = load_scene(name, num_triangles=setting.num_triangles)
     else:
-        scene = _loaded(name, setting, direction)
-        if setting.light != "directional" or setting.light_position is not None:
-            scene = staging.relit(scene, setting.light, direction, setting.light_position)
+        up = None if setting.up == "auto" else setting.up
+        scene = load_scene(name, up=up, ground=setting.ground, light_direction=direction)
+        require(
+            setting.num_triangles is None,
+            f"--num-triangles is for built-in scenes; {name} has the triangles of its file",
+        )
+    other = setting.light != "directional" or setting.light_position is not None
+    if other or (is_built_in and direction is not None):
+        scene = staging.relit(scene, setting.light, direction, setting.light_position)
     return _before_camera(scene, setting, picture)
 
 
@@ -46,29 +53,6 @@ def _check_memory(picture: PictureOptions) -> None:
     shown = f"a picture of {picture.width} × {picture.height} pixels with {picture.samples} × {picture.samples} samples"
     require_memory(rays * BYTES_PER_RAY, shown, "a smaller --width, --height or --samples")
     require_memory(picture.resolution**2 * BYTES_PER_TEXEL, f"a map of {picture.resolution}²", "a smaller --resolution")
-
-
-def _built_in(name: str, setting: SceneOptions) -> Scene:
-    require(
-        setting.ground and setting.up == "auto",
-        f"--no-ground and --up are for mesh files; {name} is a built-in scene with its own ground",
-    )
-    return scenes.make_scene(name, setting.num_triangles)
-
-
-def _loaded(name: str, setting: SceneOptions, direction: tuple[float, float, float] | None) -> Scene:
-    path = Path(name)
-    if not path.exists() and not path.suffix and path.name == name:
-        try:
-            scenes.family(name)
-        except ValueError as error:
-            raise ValueError(f"{error}; nor is there a mesh file of that name") from None
-    mesh = load(path)
-    require(
-        setting.num_triangles is None, f"--num-triangles is for built-in scenes; {name} has the triangles of its file"
-    )
-    up = setting.up if setting.up != "auto" else "z" if path.suffix.lower() == ".stl" else "y"
-    return staging.stage(mesh, printable(path.name), up=up, ground=setting.ground, light_direction=direction)
 
 
 def _direction(setting: SceneOptions) -> tuple[float, float, float] | None:

@@ -5,7 +5,6 @@ from .acne import least_plane_bias as least_plane_bias
 from .acne import needed_bias as needed_bias
 from .capability import capability_table as capability_table
 from .compare import Comparison as Comparison
-from .compare import Record as Record
 from .compare import View as View
 from .compare import record as record
 from .compare import reference_view as reference_view
@@ -23,6 +22,9 @@ from .metrics import mean_abs_error as mean_abs_error
 from .metrics import psnr as psnr
 from .metrics import rmse as rmse
 from .metrics import ssim as ssim
+from .picture import render as render
+from .records import Record as Record
+from .records import Table as Table
 from .seams import SeamJump as SeamJump
 from .seams import SeamSteps as SeamSteps
 from .seams import seam_jump as seam_jump
@@ -33,5 +35,5 @@ from .shadow_distance import TexelAdvice as TexelAdvice
 from .shadow_distance import stable_texel as stable_texel
 from .shadow_distance import texel_advice as texel_advice
 from .shimmer import Shimmer as Shimmer
-from .slope_limit import SlopeLimit as SlopeLimit
-from .slope_limit import slope_limit as slope_limit
+from .slope_limits import SlopeLimit as SlopeLimit
+from .slope_limits import slope_limit as slope_limit

@@ -8,8 +8,12 @@ from shadowjax._checked import checked
 from shadowjax._checks import require_choice
 from shadowjax.filters.offset_pcf import OffsetPercentageCloser
 from shadowjax.filters.pcf import BilinearPercentageCloser
-from shadowjax.techniques.registry import TECHNIQUES, make_technique
-from shadowjax.warps.uniform import UniformFit
+from shadowjax.presets.names import as_technique
+from shadowjax.techniques.adaptive import AdaptiveShadowMapping
+from shadowjax.techniques.base import Technique
+from shadowjax.techniques.exact import Exact
+from shadowjax.techniques.registry import TECHNIQUES
+from shadowjax.techniques.shadow_volumes import ShadowVolumes
 
 GRADES: Mapping[str, str] = MappingProxyType({
     "silhouettes": "exact where surfaces are hit, and where an outline or a shadow's edge moves",
@@ -42,18 +46,24 @@ _FOLLOWED = {
 _MOVES_MAP = ("vertices", "light", "camera", "near distance", "splits")
 # Techniques without a filter. Adaptive tiles are chosen on the host, and then cast again for moved vertices (`recast`).
 _COUNTED = {
-    "exact": {"vertices": "values", "light": "values"},
-    "shadow-volumes": {"vertices": "values", "light": "values"},
-    "asm": {"vertices": "values", "light": "static", "camera": "static", "camera position": "static", "bias": "values"},
+    Exact: {"vertices": "values", "light": "values"},
+    ShadowVolumes: {"vertices": "values", "light": "values"},
+    AdaptiveShadowMapping: {
+        "vertices": "values",
+        "light": "static",
+        "camera": "static",
+        "camera position": "static",
+        "bias": "values",
+    },
 }
 
 
 @checked
-def capability(name: str, parameter: str) -> str:
+def capability(name: str | Technique, parameter: str) -> str:
     """What the gradient of a technique's visibility, or of a function's result, in a parameter sees.
 
     Args:
-        name: Of `TECHNIQUES` or `FUNCTIONS`.
+        name: A technique by any name that `make_technique` takes, a technique, or a name of `FUNCTIONS`.
         parameter: Key of `PARAMETERS`.
 
     Returns:
@@ -62,19 +72,14 @@ def capability(name: str, parameter: str) -> str:
     Raises:
         ValueError: If a name is unknown.
     """
-    require_choice(name, "technique or function", (*TECHNIQUES, *FUNCTIONS))
     require_choice(parameter, "parameter", PARAMETERS)
-    if name in _FOLLOWED:
-        return "silhouettes" if parameter in _FOLLOWED[name] else "none"
-    if name == "OffsetPercentageCloser" and parameter == "camera position":
-        return "zero"
-    if name == "OffsetPercentageCloser":
-        return "topology" if parameter == "offsets" else _of_filter(OffsetPercentageCloser, False, parameter)
-    if name in _COUNTED:
-        return _COUNTED[name].get(parameter, "none")
-    technique: Any = make_technique(name)
+    if isinstance(name, str) and name in FUNCTIONS:
+        return _of_function(name, parameter)
+    technique: Any = as_technique(name)
+    if type(technique) in _COUNTED:
+        return _COUNTED[type(technique)].get(parameter, "none")
     if parameter == "camera position":
-        return capability(name, "camera") if _follows(technique.partition) else "zero"
+        return capability(technique, "camera") if technique.partition.follows_camera else "zero"
     if parameter in _NUMBERS:
         return "static" if _has(technique.filter, parameter) else "none"
     if technique.coverage and parameter in _MOVES_MAP:
@@ -82,9 +87,13 @@ def capability(name: str, parameter: str) -> str:
     return _of_filter(type(technique.filter), not technique.filter.compares, parameter)
 
 
-def _follows(partition: Any) -> bool:
-    """Whether the maps of a partition move with the camera: a uniform map around the scene only turns with its view."""
-    return not isinstance(getattr(partition, "warp", UniformFit()), UniformFit)
+def _of_function(name: str, parameter: str) -> str:
+    """Of functions that have a gradient for silhouettes, and of the filter that learns its taps."""
+    if name in _FOLLOWED:
+        return "silhouettes" if parameter in _FOLLOWED[name] else "none"
+    if parameter == "camera position":
+        return "zero"
+    return "topology" if parameter == "offsets" else _of_filter(OffsetPercentageCloser, False, parameter)
 
 
 def _of_filter(kind: type, smooth: bool, parameter: str) -> str:

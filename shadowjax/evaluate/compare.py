@@ -1,9 +1,8 @@
 """Techniques against the exact shadow, one record each: error, tones, memory and time. Nothing is drawn here."""
 
-import dataclasses
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,15 +17,17 @@ from shadowjax._checks import require, require_int, warn
 from shadowjax._numerics import dot, safe_divide, safe_sqrt
 from shadowjax._types import Array, Bool, Float
 from shadowjax.evaluate import metrics
-from shadowjax.evaluate.slope_limit import SlopeLimit, slope_limit, told
+from shadowjax.evaluate.records import Record, Table
+from shadowjax.evaluate.slope_limits import SlopeLimit, slope_limit, told
 from shadowjax.geometry.smoothing import smooth_corner_groups
-from shadowjax.presets.registry import named_technique
+from shadowjax.presets.names import Techniques, as_techniques
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import default_caster
 from shadowjax.scenes.base import Scene
+from shadowjax.scenes.loading import Source, as_scene
 from shadowjax.shading import Surface, downsample, trace_surface, valid_receivers, visibility_on
 from shadowjax.techniques.base import Shadows, Technique
-from shadowjax.techniques.registry import make_technique
+from shadowjax.techniques.exact import Exact
 from shadowjax.techniques.shadow_mapping import MappedShadows
 from shadowjax.theory.memory import planes_in_formats
 from shadowjax.theory.tones import count_tones
@@ -35,66 +36,6 @@ Progress = Callable[[str], None]
 
 # Pixels between the umbra, where light is bleeding, and the exact shadow's edge, where it may be blur.
 EDGE_MARGIN = 4
-
-
-@checked
-@dataclass(frozen=True)
-class Record:
-    """How one technique did on one view.
-
-    Args:
-        technique: Registered name.
-        rmse: Root mean squared error of visibility over valid receivers.
-        mean_abs_error: Mean absolute error; the sum of the next two.
-        false_lit: Area fraction of valid receivers that is lit and should not be; partly lit pixels count in part.
-        false_shadow: Area fraction that is in shadow and should not be.
-        tones: Distinct visibilities counted among valid samples.
-        tones_bound: Most that the technique can give; None for a continuum.
-        map_bytes: Bytes of all stored planes.
-        build_ms: Time to build the maps, milliseconds: warm median.
-        visibility_ms: Time to look up every sample of the picture, milliseconds: warm median.
-        psnr: Peak signal-to-noise ratio of visibility, dB; the dtype's ceiling for a perfect picture.
-        ssim: Structural similarity of visibility; None for pictures smaller than its window.
-        edge_distance: Mean distance between the technique's shadow edges and the exact ones, pixels.
-        light_rmse: Root mean squared error of the light that a surface receives, relative to the mean of its square
-            without shadows: visibility weighted by the cosine of incidence. Errors at grazing light hardly show.
-        bleed: Mean light in the umbra, where the exact shadow is full and no edge of it is near: light that leaks.
-        acne: Mean lack of light where the exact picture is fully lit and no shadow edge is near.
-        flip: FLIP error of visibility; None where the package `flip_evaluator` is missing.
-        texture_bytes: Bytes of textures of four channels or fewer that would hold the planes; three take four.
-        slope_limit: Acne that the limit of the slope bias leaves at grazing light; None where there is none.
-        volume_bytes: Bytes of what shadow volumes keep in place of a map: quads, and a stencil buffer of every sample.
-    """
-
-    technique: str
-    rmse: float
-    mean_abs_error: float
-    false_lit: float
-    false_shadow: float
-    tones: int
-    tones_bound: int | None
-    map_bytes: int
-    build_ms: float
-    visibility_ms: float
-    psnr: float
-    ssim: float | None
-    edge_distance: float
-    light_rmse: float
-    bleed: float = 0.0
-    acne: float = 0.0
-    flip: float | None = None
-    texture_bytes: int = 0
-    volume_bytes: int = 0
-    slope_limit: SlopeLimit | None = None
-
-    @property
-    def stored_bytes(self) -> int:
-        """Bytes of maps and volumes."""
-        return self.map_bytes + self.volume_bytes
-
-    def to_json(self) -> dict[str, Any]:
-        """The record as plain values."""
-        return dataclasses.asdict(self)
 
 
 class View(Checked):
@@ -132,18 +73,30 @@ class Comparison:
     """Everything that a comparison made.
 
     Args:
+        scene: What was looked at.
         view: The view, with the exact shadow.
-        names: Techniques in the order asked for.
+        techniques: By name, in the order asked for.
         records: One for each technique.
         shadows: What each technique built.
         visibilities: Visibility of every sample, one array for each technique.
     """
 
+    scene: Scene
     view: View
-    names: tuple[str, ...]
+    techniques: dict[str, Technique]
     records: tuple[Record, ...]
     shadows: tuple[Shadows, ...]
     visibilities: tuple[Float[Array, "rows cols"], ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Techniques in the order asked for."""
+        return tuple(self.techniques)
+
+    @property
+    def table(self) -> Table:
+        """The records alone."""
+        return Table(self.records, self.scene.name)
 
 
 @checked
@@ -191,15 +144,15 @@ def reference_view(
         bool(jnp.any(valid)),
         "no surface in the picture faces the light, so there is no shadow to compare; turn the camera or the light",
     )
-    exact = make_technique("exact", caster=caster).build(scene.mesh, light, scene.camera)
+    exact = Exact(caster).build(scene.mesh, light, scene.camera)
     cosine = jnp.where(valid, dot(surface.normals, light.to_light(surface.points)[0]), 0)
     return View(surface, valid, visibility_on(surface, exact), cosine, samples_per_axis)
 
 
 @checked
 def measure(
-    scene: Scene,
-    names: Sequence[str],
+    scene: Scene | Source,
+    techniques: Techniques,
     width: int = 480,
     height: int = 360,
     resolution: int = 512,
@@ -215,52 +168,58 @@ def measure(
     among samples, before they are averaged.
 
     Args:
-        scene: Mesh, camera and lights.
-        names: Registered techniques or presets (`preset:NAME`), each once.
+        scene: A scene, or a name or a file as `load_scene` takes it.
+        techniques: Names, objects, or a mapping from names of one's own to either, each once (`as_techniques`).
         width: Pixels across, ≥ 1.
         height: Pixels down, ≥ 1.
-        resolution: Texels along each side of a map, ≥ 1.
+        resolution: Texels along each side of a map, ≥ 1, of techniques that are given by name; objects have their own.
         samples_per_axis: K ≥ 1; each pixel gets K² samples.
-        caster: Traces all rays; the default caster if None.
+        caster: Traces the picture's rays, and those of techniques that are given by name; the default caster if None.
         repeats: Timed calls of each step, ≥ 1.
         progress: Called with the name of each step as it starts.
-        view: From `look` with the same scene, if it is at hand; sizes and samples are then the view's.
+        view: From `reference_view` with the same scene, if it is at hand; sizes and samples are then the view's.
 
     Raises:
-        ValueError: If a name is unknown or given twice, a size is out of range, or nothing in view faces the light.
+        ValueError: If a name is wrong or given twice, a size is out of range, or nothing in view faces the light.
     """
     caster = default_caster() if caster is None else caster
-    require(len(names) > 0, "give at least one technique to compare")
-    twice = sorted({name for name in names if list(names).count(name) > 1})
-    require(not twice, f"give each technique once; got {', '.join(twice)} more than once")
-    techniques = [named_technique(name, resolution, caster) for name in names]
+    chosen, scene = as_techniques(techniques, resolution, caster), as_scene(scene)
     announce = progress or (lambda step: None)
     if view is None:
         announce("exact shadow")
         view = reference_view(scene, width, height, caster, samples_per_axis)
     records, built, visibilities = [], [], []
-    for name, technique in zip(names, techniques, strict=True):
+    for name, technique in chosen.items():
         announce(name)
         shadows, build_ms = timed(lambda t=technique: t.build(scene.mesh, scene.lights[0], scene.camera), repeats)
         visibility, visibility_ms = timed(lambda s=shadows: visibility_on(view.surface, s), repeats)
         records.append(record(name, technique, shadows, visibility, view, build_ms, visibility_ms))
         built.append(shadows)
         visibilities.append(visibility)
-    return Comparison(view, tuple(names), tuple(records), tuple(built), tuple(visibilities))
+    return Comparison(scene, view, chosen, tuple(records), tuple(built), tuple(visibilities))
 
 
 @checked
-def compare(scene: Scene, techniques: Sequence[str], **options: Any) -> list[Record]:
-    """One record for each technique; arguments as in `measure`.
+def compare(scene: Scene | Source, techniques: Techniques, **options: Any) -> Table:
+    """A table with one record for each technique, against the exact shadow of every pixel.
+
+    Args:
+        scene: A scene, or a name or a file as `load_scene` takes it.
+        techniques: Names, objects, or a mapping from names of one's own to either, each once.
+        options: Further arguments of `measure`: width, height, resolution, samples_per_axis, caster, repeats,
+            progress, view.
+
+    Raises:
+        ValueError: As `measure`.
 
     Warns:
         SceneWarning: Where the limit of the slope bias leaves acne, with the remedy.
     """
-    records = list(measure(scene, techniques, **options).records)
-    said = told([(one.technique, one.slope_limit) for one in records])
+    table = measure(scene, techniques, **options).table
+    said = told([(one.technique, one.slope_limit) for one in table])
     if said is not None:
         warn(said)
-    return records
+    return table
 
 
 @checked

@@ -118,6 +118,10 @@ class Filter(Checked):
         """Whether the filter averages its codes over the area of texels that outlines cross (`ShadowMap.outlines`)."""
         return False
 
+    def for_coverage(self) -> "Filter":
+        """This filter as it must be where `ShadowMap.outlines` are known; itself unless a number stands in the way."""
+        return self
+
     @property
     def follows_plane(self) -> bool:
         """Whether lookups must know the receiver's own plane (`Lookup.gradient`) whatever the bias."""

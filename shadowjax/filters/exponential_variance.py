@@ -1,5 +1,7 @@
 """Exponential variance shadow maps: Chebyshev's bound on exponentially warped depths, from two or four moments."""
 
+import dataclasses
+
 import equinox as eqx
 import jax.numpy as jnp
 
@@ -169,6 +171,10 @@ class ExponentialVariance(Prefiltered):
     def num_planes(self) -> int:
         """Two or four moments."""
         return 2 * len(self.exponents)
+
+    def for_coverage(self) -> "ExponentialVariance":
+        """Without a footprint."""
+        return dataclasses.replace(self, footprint=0.0)
 
     @property
     def supports_coverage(self) -> bool:

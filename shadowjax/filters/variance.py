@@ -1,5 +1,7 @@
 """Variance shadow maps: two moments of depth, and Chebyshev's bound on the share of depths beyond the receiver."""
 
+import dataclasses
+
 import equinox as eqx
 import jax.numpy as jnp
 
@@ -217,6 +219,10 @@ class Variance(Prefiltered):
     def num_planes(self) -> int:
         """Two moments."""
         return 2
+
+    def for_coverage(self) -> "Variance":
+        """Without a footprint."""
+        return dataclasses.replace(self, footprint=0.0)
 
     @property
     def supports_coverage(self) -> bool:

@@ -35,6 +35,16 @@ class Partition(Checked):
     def grids(self, mesh: Mesh, light: Light, camera: Camera, resolution: int) -> tuple[RayGrid, ...]:
         """The grid of light rays of every region; each is `resolution` × `resolution`."""
 
+    @property
+    def follows_camera(self) -> bool:
+        """Whether the maps move with the view; a uniform map around the scene only turns with it."""
+        return True
+
+    @property
+    @abstractmethod
+    def num_maps(self) -> int:
+        """Maps that are cast for one light, at most: a light of another kind may need fewer."""
+
     @abstractmethod
     def select(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> Int[Array, "*points"]:
         """Which region answers for each point."""

@@ -38,6 +38,16 @@ class ByLight(Partition):
         """The grids of the partition of this light."""
         return self.of(light).grids(mesh, light, camera, resolution)
 
+    @property
+    def follows_camera(self) -> bool:
+        """As the partition of either."""
+        return self.directional.follows_camera or self.local.follows_camera
+
+    @property
+    def num_maps(self) -> int:
+        """Those of the partition with more."""
+        return max(self.directional.num_maps, self.local.num_maps)
+
     def select(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> Int[Array, "*points"]:
         """Only a placed partition knows its light.
 

@@ -17,7 +17,7 @@ from shadowjax.partitions import seen_depths
 from shadowjax.partitions.base import Partition
 from shadowjax.partitions.single import SingleMap
 from shadowjax.rays.caster import Caster
-from shadowjax.rays.grid.caster import GridCaster
+from shadowjax.rays.casters import default_caster
 from shadowjax.rays.map_part import seen_space, starting_outside
 from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.theory.aliasing.split_rules import (
@@ -91,7 +91,7 @@ class Cascades(Partition):
     cuts: Splits | None = None
     near_distances: Float[Array, "slices"] | None = None
     num_rows: int = eqx.field(static=True, default=64)
-    caster: Caster = GridCaster()
+    caster: Caster = default_caster()
     distance: float | Scalar | None = None
     fade: float = eqx.field(static=True, default=0.0)
     shares_of_range: tuple[float, ...] | None = eqx.field(static=True, default=None)
@@ -218,6 +218,11 @@ class Cascades(Partition):
         """Depth at which each slice but the first begins to fade in."""
         cuts = planes[1:-1]
         return cuts * (planes[:-2] / cuts) ** self.blend
+
+    @property
+    def num_maps(self) -> int:
+        """One a slice."""
+        return self.num_partitions
 
     def select(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> Int[Array, "*points"]:
         """The region of each point; by depth, that of the larger share."""

@@ -73,6 +73,16 @@ class CubeMap(Partition):
             for space in (PerspectiveSpace(position, frame) for frame in face_frames(position.dtype))
         )
 
+    @property
+    def follows_camera(self) -> bool:
+        """Its maps are fixed to the axes of the world."""
+        return False
+
+    @property
+    def num_maps(self) -> int:
+        """One a face."""
+        return len(NAMES)
+
     def select(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> Int[Array, "*points"]:
         """The face through which each point's direction from the light points; at the light itself the first."""
         if len(grids) == 1:

@@ -62,6 +62,11 @@ class FacePartition(Partition):
         warps = [face_warp(space, camera, near, far, i, applies[i]) for i in range(4)]
         return tuple(starting_outside(space, warp, mesh, resolution) for warp in warps)
 
+    @property
+    def num_maps(self) -> int:
+        """One a side."""
+        return len(NAMES)
+
     def select(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> Int[Array, "*points"]:
         """The side in whose wedge from O a point lies; the nearest one where rounding leaves it in none."""
         space = grids[0].space

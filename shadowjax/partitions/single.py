@@ -37,6 +37,16 @@ class SingleMap(Partition):
         space = seen_space(light, mesh, camera)
         return (starting_outside(space, self.warp.fit(space, light, mesh, camera), mesh, resolution),)
 
+    @property
+    def follows_camera(self) -> bool:
+        """As its warp."""
+        return self.warp.follows_camera
+
+    @property
+    def num_maps(self) -> int:
+        """One."""
+        return 1
+
     def select(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> Int[Array, "*points"]:
         """Region 0 for every point."""
         return jnp.zeros(points.shape[:-1], jnp.int32)

@@ -1,6 +1,6 @@
 """Error against memory and against time, side by side: every technique a point, the best joined by a line."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ def front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
 
 @checked
 @styled
-def pareto(records: Sequence[Any], title: str = "", width: float = 10.4, height: float = 4.8) -> Figure:
+def pareto(records: Iterable[Any], title: str = "", width: float = 10.4, height: float = 4.8) -> Figure:
     """Two charts over one axis of error; those on the fronts are named, the rest are grey.
 
     Args:
@@ -35,6 +35,7 @@ def pareto(records: Sequence[Any], title: str = "", width: float = 10.4, height:
         width: Inches.
         height: Inches.
     """
+    records = list(records)
     mapped = [record for record in records if record.map_bytes > 0]
     figure, axes = new_figure(width, height, 1, 2, sharey=True)
     names = [record.technique for record in mapped]

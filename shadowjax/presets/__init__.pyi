@@ -1,6 +1,9 @@
 from .base import Parameter as Parameter
 from .base import Preset as Preset
+from .names import as_technique as as_technique
+from .names import as_techniques as as_techniques
+from .names import costs as costs
+from .names import make_technique as make_technique
 from .registry import PRESETS as PRESETS
 from .registry import make_preset as make_preset
-from .registry import named_technique as named_technique
 from .registry import preset as preset

@@ -9,7 +9,6 @@ from shadowjax.presets.base import Parameter, Preset
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import default_caster
 from shadowjax.techniques.base import Technique
-from shadowjax.techniques.registry import make_technique
 
 PRESETS: dict[str, Preset] = {preset.name: preset for preset in engines.ALL}
 
@@ -46,22 +45,4 @@ def make_preset(name: str, resolution: int | None = None, caster: Caster | None 
     return chosen.make(size, default_caster() if caster is None else caster)
 
 
-@checked
-def named_technique(name: str, resolution: int = 512, caster: Caster | None = None) -> Technique:
-    """A registered technique, or the preset that `preset:NAME` names.
-
-    Args:
-        name: A key of `TECHNIQUES`, or "preset:" and a key of `PRESETS`.
-        resolution: Texels along each side of a map.
-        caster: Traces all rays.
-
-    Raises:
-        ValueError: If the name is unknown; the nearest names are suggested.
-    """
-    kind, colon, rest = name.partition(":")
-    if colon and kind == "preset":
-        return make_preset(rest, resolution, caster)
-    return make_technique(name, resolution, caster)
-
-
-__all__ = ["PRESETS", "Parameter", "Preset", "make_preset", "named_technique", "preset"]
+__all__ = ["PRESETS", "Parameter", "Preset", "make_preset", "preset"]

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from shadowjax.evaluate.compare import Record
+from shadowjax.evaluate.records import Record
 
 # Techniques whose error is within this factor of the lowest count as equally good.
 AS_GOOD = 1.10

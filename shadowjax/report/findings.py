@@ -13,7 +13,8 @@ import numpy as np
 
 from shadowjax._checks import require_choice, require_int
 from shadowjax._types import Float
-from shadowjax.evaluate.compare import Comparison, Record, View, measure, reference_view
+from shadowjax.evaluate.compare import Comparison, View, measure, reference_view
+from shadowjax.evaluate.records import Record
 from shadowjax.evaluate.shadow_distance import texel_advice
 from shadowjax.filters.base import Filter
 from shadowjax.filters.hard import Hard
@@ -23,7 +24,7 @@ from shadowjax.ledger.equation import SOURCES, Result, ledger, verify
 from shadowjax.maps.shadow_map import ShadowMap
 from shadowjax.partitions.by_light import ByLight
 from shadowjax.partitions.cascades import Cascades
-from shadowjax.presets.registry import named_technique
+from shadowjax.presets.names import Techniques, as_techniques
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import default_caster
 from shadowjax.report.advisor import Advice, Choice, advise
@@ -31,7 +32,7 @@ from shadowjax.report.machine import machine
 from shadowjax.scenes.base import Scene
 from shadowjax.shading import shade, visibility_on
 from shadowjax.techniques.base import Technique
-from shadowjax.techniques.registry import make_technique
+from shadowjax.techniques.exact import Exact
 from shadowjax.techniques.shadow_mapping import MappedShadows, ShadowMapping
 from shadowjax.theory import cost, tones
 
@@ -54,7 +55,7 @@ class Settings:
     """How a report is made.
 
     Args:
-        techniques: Registered names.
+        techniques: Names, objects, or a mapping from names of one's own to either.
         width: Pixels across.
         height: Pixels down.
         resolution: Texels along each side of a map.
@@ -63,7 +64,7 @@ class Settings:
         sweep: Whether the advisor also measures half and double the resolution.
     """
 
-    techniques: tuple[str, ...] = DEFAULT_TECHNIQUES
+    techniques: Techniques = DEFAULT_TECHNIQUES
     width: int = 480
     height: int = 360
     resolution: int = 256
@@ -172,44 +173,44 @@ def collect(
     """
     caster = default_caster() if caster is None else caster
     announce = progress or (lambda step: None)
-    techniques = [named_technique(name, settings.resolution, caster) for name in settings.techniques]
+    techniques = as_techniques(settings.techniques, settings.resolution, caster)
     announce("exact shadow by a ray for every pixel")
     view = reference_view(scene, settings.width, settings.height, caster, settings.samples)
 
-    def run(names: Sequence[str], resolution: int) -> Comparison:
+    def run(resolution: int, names: Iterable[str]) -> tuple[Comparison, list[Choice]]:
+        """Some of the techniques at a resolution; objects, which have their own, as much finer or coarser."""
+        sized = as_techniques(settings.techniques, resolution, caster)
+        made = {name: _resized(sized[name], techniques[name], resolution / settings.resolution) for name in names}
+        sizes = [one.resolution if isinstance(one, ShadowMapping) else resolution for one in made.values()]
+
         def step(name: str) -> None:
             announce(f"{name} at {resolution}²")
 
-        return measure(
-            scene,
-            names,
-            resolution=resolution,
-            samples_per_axis=settings.samples,
-            caster=caster,
-            progress=step,
+        found = measure(
+            scene, made, resolution=resolution, samples_per_axis=settings.samples, caster=caster, progress=step,
             view=view,
-        )
+        )  # fmt: skip
+        return found, [Choice(size, record) for size, record in zip(sizes, found.records, strict=True)]
 
-    comparison = run(settings.techniques, settings.resolution)
-    choices = [Choice(settings.resolution, record) for record in comparison.records]
+    comparison, choices = run(settings.resolution, techniques)
     if settings.sweep:
         names = _worth_sweeping(comparison.records)
         for resolution in (max(1, settings.resolution // 2), 2 * settings.resolution) if names else ():
-            choices += [Choice(resolution, record) for record in run(names, resolution).records]
+            choices += run(resolution, names)[1]
     announce("pictures")
     exact_picture = _picture(scene, view, view.exact, caster)
     pictures = tuple(_picture(scene, view, visibility, caster) for visibility in comparison.visibilities)
     receivers = int(jnp.sum(view.valid))
     mapped = [
         (name, technique)
-        for name, technique in zip(settings.techniques, techniques, strict=True)
+        for name, technique in techniques.items()
         if isinstance(technique, ShadowMapping) and technique.filter.compares
     ]
     costs = tuple(_cost(name, technique, receivers) for name, technique in mapped)
     announce("tones predicted along straight edges")
     tone_rows = tuple(
         _tones(name, technique, record)
-        for name, technique, record in zip(settings.techniques, techniques, comparison.records, strict=True)
+        for (name, technique), record in zip(techniques.items(), comparison.records, strict=True)
     )
     wanted = [equation for equation in ledger().values() if equation.id.split(".")[0] in settings.equations]
 
@@ -229,11 +230,18 @@ def collect(
         costs=costs,
         crossovers=_crossovers(costs, settings.resolution, receivers),
         choices=tuple(choices),
-        advice=_with_texels(advise(choices), scene, zip(settings.techniques, techniques, strict=True)),
+        advice=_with_texels(advise(choices), scene, techniques.items()),
         equations=results,
         machine=machine(),
         command=command,
     )
+
+
+def _resized(sized: Technique, given: Technique, factor: float) -> Technique:
+    """A technique for maps that are so many times finer: an object keeps its resolution unless it is told."""
+    if sized is given and isinstance(given, ShadowMapping):
+        return dataclasses.replace(given, resolution=max(1, round(factor * given.resolution)))
+    return sized
 
 
 def _with_texels(advice: Advice | None, scene: Scene, techniques: Iterable[tuple[str, Technique]]) -> Advice | None:
@@ -260,8 +268,7 @@ def _worth_sweeping(records: Sequence[Record]) -> tuple[str, ...]:
 def _picture(scene: Scene, view: View, visibility: Any, caster: Caster) -> Pixels:
     """The shaded picture with one light's shadows as given; further lights cast exact ones."""
     others = tuple(
-        visibility_on(view.surface, make_technique("exact", caster=caster).build(scene.mesh, light, scene.camera))
-        for light in scene.lights[1:]
+        visibility_on(view.surface, Exact(caster).build(scene.mesh, light, scene.camera)) for light in scene.lights[1:]
     )
     image = shade(view.surface, scene.lights, (visibility, *others), samples_per_axis=view.samples_per_axis)
     return np.asarray(image, np.float64)
@@ -272,7 +279,7 @@ def _light_map(scene: Scene, comparison: Comparison, resolution: int, caster: Ca
     for shadows in comparison.shadows:
         if isinstance(shadows, MappedShadows):
             return shadows.maps[0]
-    built = make_technique("hard", resolution, caster).build(scene.mesh, scene.lights[0], scene.camera)
+    built = ShadowMapping(Hard(), resolution, caster=caster).build(scene.mesh, scene.lights[0], scene.camera)
     assert isinstance(built, MappedShadows)
     return built.maps[0]
 
@@ -338,7 +345,7 @@ def results_json(findings: Findings) -> dict[str, Any]:
             "triangles": scene.mesh.num_faces,
             "light": type(scene.lights[0]).__name__,
         },
-        "settings": dataclasses.asdict(findings.settings),
+        "settings": {**vars(findings.settings), "techniques": findings.comparison.names},
         "records": [record.to_json() for record in findings.comparison.records],
         "tones": [dataclasses.asdict(row) for row in findings.tones],
         "cost": {

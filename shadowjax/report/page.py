@@ -62,7 +62,7 @@ def _top(findings: Findings, links: str) -> str:
         "Triangles": f"{scene.mesh.num_faces:,}",
         "Light": _light_text(findings),
         "Maps": f"{settings.resolution} × {settings.resolution} texels",
-        "Techniques": f"{len(settings.techniques)}, each against a shadow ray for every pixel",
+        "Techniques": f"{len(findings.comparison.names)}, each against a shadow ray for every pixel",
     }
     if findings.equations:
         good = sum(result.passed for result in findings.equations)

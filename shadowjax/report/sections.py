@@ -3,7 +3,7 @@
 import numpy as np
 
 from shadowjax import plotting
-from shadowjax.evaluate.slope_limit import told
+from shadowjax.evaluate.slope_limits import told
 from shadowjax.plotting.pixels import Window, difference_pixels, outlined
 from shadowjax.report.advisor import bytes_text
 from shadowjax.report.findings import Findings

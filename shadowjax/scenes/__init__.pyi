@@ -6,6 +6,8 @@ from .closed_forms import ReceivingPlane as ReceivingPlane
 from .closed_forms import project as project
 from .closed_forms import sphere_shadow as sphere_shadow
 from .comb import Comb as Comb
+from .loading import as_scene as as_scene
+from .loading import load_scene as load_scene
 from .plate_over_plane import PlateOverPlane as PlateOverPlane
 from .polygons import area as area
 from .polygons import signed_distance as signed_distance

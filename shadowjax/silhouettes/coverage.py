@@ -12,8 +12,8 @@ from shadowjax._numerics import dot
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.outlines import MeshEdges, outline
-from shadowjax.rays.brute import BruteForceCaster
 from shadowjax.rays.caster import Caster
+from shadowjax.rays.casters import default_caster
 from shadowjax.rays.ray import Rays
 from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.silhouettes._cells import Crossings, blend, crossings, room
@@ -78,7 +78,7 @@ def coverage_planes(
         edges: From `mesh_edges`.
         grid: Rays of a directional, spot or camera space.
         encode: Takes depths of any shape and gives codes, stacked along a new first axis; element by element.
-        caster: Any; brute force if None. Two rays are cast for every pair of edge and texel.
+        caster: Any; the fastest if None. Two rays are cast for every pair of edge and texel.
         max_pairs: Room for such pairs: memory and an upper bound on time. A texel each, and at least 4096, if None.
 
     Raises:
@@ -88,7 +88,7 @@ def coverage_planes(
     Warns:
         SceneWarning: If no ray of the grid meets the mesh; under `grad` too, not under `jit` or `vmap`.
     """
-    caster = BruteForceCaster() if caster is None else caster
+    caster = default_caster() if caster is None else caster
     depth = _depth(mesh, grid, caster)
     pieces = outline_pieces(mesh, edges, grid, caster, max_pairs)
     known = without_tracers((depth, pieces.parts))

@@ -12,8 +12,8 @@ from shadowjax.geometry.light import Light
 from shadowjax.geometry.light_space import DirectionalSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.outlines import MeshEdges, mesh_edges
-from shadowjax.rays.brute import BruteForceCaster
 from shadowjax.rays.caster import Caster
+from shadowjax.rays.casters import default_caster
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.silhouettes._cells import blend
@@ -93,7 +93,7 @@ def shadow_picture(
         edges: From `mesh_edges(mesh)`, made once outside `jit`.
         light: Directional, spot or point light.
         view: Rays of the picture: `camera_grid(camera, width, height)`, or from `plane_receiver`.
-        caster: Any; brute force if None.
+        caster: Any; the fastest if None.
         receiver: What the view sees; the mesh itself if None.
         max_pairs: Room for pairs of edge and pixel, and for pieces of shadows' edges. A pixel each, and at least 4096,
             if None. It bounds memory; time follows what there is.
@@ -105,7 +105,7 @@ def shadow_picture(
     Warns:
         SceneWarning: If no triangle shows view and light the same side; under `grad` too, not under `jit` or `vmap`.
     """
-    caster = BruteForceCaster() if caster is None else caster
+    caster = default_caster() if caster is None else caster
     shown = None if receiver is None else (receiver.mesh, receiver.edges)
     seen = mesh if receiver is None else receiver.mesh
     known = without_tracers((mesh, seen, light, view))

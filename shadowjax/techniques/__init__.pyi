@@ -6,8 +6,8 @@ from .exact import Exact as Exact
 from .exact import ExactShadows as ExactShadows
 from .jittered import AccumulatedShadows as AccumulatedShadows
 from .jittered import JitteredLights as JitteredLights
+from .names import token_table as token_table
 from .registry import TECHNIQUES as TECHNIQUES
-from .registry import make_technique as make_technique
 from .shadow_mapping import MappedShadows as MappedShadows
 from .shadow_mapping import ShadowMapping as ShadowMapping
 from .shadow_volumes import ShadowVolumes as ShadowVolumes

@@ -23,7 +23,7 @@ from shadowjax.partitions.adaptive.tile_map import MOST_ACROSS, AdaptiveMap, emp
 from shadowjax.partitions.adaptive.tile_tree import MAX_LEVEL, place_of
 from shadowjax.partitions.single import SingleMap
 from shadowjax.rays.caster import Caster
-from shadowjax.rays.grid.caster import GridCaster
+from shadowjax.rays.casters import default_caster
 from shadowjax.rays.ray import surface_points
 from shadowjax.rays.ray_grid import RayGrid, camera_grid
 from shadowjax.techniques.base import Shadows, Technique
@@ -73,7 +73,7 @@ class AdaptiveShadowMapping(Technique):
     per_texel: float = eqx.field(static=True, default=1.0)
     fixed: float = eqx.field(static=True, default=256.0)
     num_rows: int = eqx.field(static=True, default=360)
-    caster: Caster = GridCaster()
+    caster: Caster = default_caster()
 
     def __check_init__(self) -> None:
         require_int(self.budget_bytes, "budget_bytes", 1)

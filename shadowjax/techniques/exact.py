@@ -5,8 +5,8 @@ from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.light_space import LightSpace
 from shadowjax.geometry.mesh import Mesh
-from shadowjax.rays.brute import BruteForceCaster
 from shadowjax.rays.caster import Caster
+from shadowjax.rays.casters import default_caster
 from shadowjax.techniques.base import Shadows, Technique
 
 
@@ -20,7 +20,7 @@ class Exact(Technique):
         caster: Finds what blocks the shadow rays.
     """
 
-    caster: Caster = BruteForceCaster()
+    caster: Caster = default_caster()
 
     def build(self, mesh: Mesh, light: Light, camera: Camera) -> "ExactShadows":
         """Nothing to prepare but the space of the light's rays."""

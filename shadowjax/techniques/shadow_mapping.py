@@ -20,8 +20,8 @@ from shadowjax.geometry.outlines import MeshEdges, mesh_edges
 from shadowjax.maps.shadow_map import ShadowMap, build_covered_map, build_shadow_map
 from shadowjax.partitions.base import Partition
 from shadowjax.partitions.single import SingleMap
-from shadowjax.rays.brute import BruteForceCaster
 from shadowjax.rays.caster import Caster
+from shadowjax.rays.casters import default_caster
 from shadowjax.rays.layers import LAYERS
 from shadowjax.rays.precision import warn_of_coarse_texels
 from shadowjax.rays.ray_grid import RayGrid, pixel_footprint
@@ -50,7 +50,7 @@ class ShadowMapping(Technique):
     filter: Filter = Hard()
     resolution: int = eqx.field(static=True, default=512)
     partition: Partition = SingleMap()
-    caster: Caster = BruteForceCaster()
+    caster: Caster = default_caster()
     bias: BiasRule | None = None
     layer: str = eqx.field(static=True, default="first")
     coverage: bool = eqx.field(static=True, default=False)

@@ -45,6 +45,16 @@ class WarpFit(Checked):
         """
         return self
 
+    @property
+    def follows_camera(self) -> bool:
+        """Whether the map moves with the view."""
+        return True
+
+    @property
+    def holds_still(self) -> bool:
+        """Whether its texels keep their places in the world while the camera moves."""
+        return False
+
     @abstractmethod
     def fit(self, space: LightSpace, light: Light, mesh: Mesh, camera: Camera) -> PlaneMap:
         """The warp for these rays, this scene and this view."""

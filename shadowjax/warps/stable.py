@@ -38,6 +38,11 @@ class StableFit(WarpFit):
     def __check_init__(self) -> None:
         require_int(self.steps, "steps, the lattice's cells along a side of the map,", 2)
 
+    @property
+    def holds_still(self) -> bool:
+        """If it is snapped."""
+        return self.snap
+
     def fit(self, space: LightSpace, light: Light, mesh: Mesh, camera: Camera) -> PerspectiveWarp:
         """The map around the frustum between the camera's own planes; the scene plays no part.
 

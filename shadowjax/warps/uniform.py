@@ -57,6 +57,11 @@ class UniformFit(WarpFit):
     def __check_init__(self) -> None:
         require_choice(self.cover, "what a uniform map covers", COVERS)
 
+    @property
+    def follows_camera(self) -> bool:
+        """Around the view, not around the scene."""
+        return self.cover == "view"
+
     def for_slices(self) -> "UniformFit":
         """The fit that covers the view."""
         return UniformFit("view")

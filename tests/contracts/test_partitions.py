@@ -19,6 +19,7 @@ from shadowjax.evaluate.shimmer import in_view
 from shadowjax.partitions.cascades import Cascades
 from shadowjax.partitions.faces import FacePartition, faces_that_apply
 from shadowjax.partitions.registry import PARTITIONS
+from shadowjax.presets.names import make_technique
 from shadowjax.warps.registry import WARP_FITS
 
 DEPTHS = 1.6 * 1.6 ** np.arange(9)  # 1.6 to 69 metres
@@ -191,7 +192,7 @@ def assert_maps_differ(partition, light):
             assert float(max(apart)) > 0.01
 
 
-CHEAP = [("scene", "sun"), ("scene", "spot")]
+CHEAP = [("uniform", "sun"), ("uniform", "spot")]
 
 
 @pytest.mark.parametrize(("warp", "light"), CHEAP)
@@ -212,11 +213,11 @@ def test_every_warp_under_slices(warp, light):
 
 @pytest.mark.long
 @pytest.mark.parametrize("light", LIGHTS)
-@pytest.mark.parametrize("name", PARTITIONS)
+@pytest.mark.parametrize("name", [*PARTITIONS, "z4+stable"])
 def test_every_registered_partition(name, light):
     """Those with slices fall with their number too; the others move edges by a texel."""
-    partition = PARTITIONS[name]()
-    if name == "z-seen":  # rows fine enough to see the floor at 70 m, a hundredth of a radian below the horizon
+    partition = make_technique(name).partition
+    if name == "z4-seen":  # rows fine enough to see the floor at 70 m, a hundredth of a radian below the horizon
         partition = dataclasses.replace(partition, num_rows=512)
     if name == "cube" and light != "spot":
         assert len(place(partition, CAMERA, LIGHTS[light], 64)[1]) == 1  # parallel rays need one face
@@ -233,7 +234,7 @@ def test_every_registered_partition(name, light):
 
 def test_a_point_light_gets_one_map_and_slices_of_it_are_no_copies():
     light = PointLight.create((0.0, 30.0, -20.0))
-    partition, grids = place(Cascades(4, warp=WARP_FITS["scene"]()), CAMERA, light, 16)
+    partition, grids = place(Cascades(4, warp=WARP_FITS["uniform"]()), CAMERA, light, 16)
     assert len(grids) == 1
     points = beside(LIGHTS["sun"].space(CAMERA.forward, *MESH.bounds()), jnp.ones(len(DEPTHS)))
     assert float(jnp.min(shares_at(partition, grids, CAMERA, points))) == 1

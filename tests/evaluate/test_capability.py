@@ -68,7 +68,7 @@ class Near(WarpFit):
         return PerspectiveWarp.fit(padded(body), 1 / self.distance, view_axis(space, camera))
 
 
-def fit(amounts):
+def placed(amounts):
     """The mesh, the grid of each slice, lookups in each, and the share of each, with everything moved."""
     shift, turn, step, near, split, bias = amounts
     plate = jnp.arange(8)[:, None] >= 4
@@ -270,5 +270,5 @@ def test_static_numbers_are_no_leaves_and_the_table_is_complete():
 def test_unknown_names_are_refused():
     with pytest.raises(ValueError, match="parameter must be one of"):
         capability("hard", "colour")
-    with pytest.raises(ValueError, match="technique or function"):
+    with pytest.raises(ValueError, match="unknown technique 'harder'; did you mean hard"):
         capability("harder", "bias")

@@ -118,8 +118,8 @@ def test_shadows_are_the_exact_ones_but_for_a_texel_at_their_edges(gamma_deg):
 
 def test_registry_and_bad_light():
     assert isinstance(make_partition("faces"), FacePartition)
-    assert {"whole", "z", "faces"} <= set(PARTITIONS)
-    with pytest.raises(ValueError, match="'whole'"):
+    assert {"single", "z4", "faces"} <= set(PARTITIONS)
+    with pytest.raises(ValueError, match="'single'"):
         make_partition("cubes")
     for kind in ("spot", "point"):
         with pytest.raises(ValueError, match="directional light; got"):

@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from shadowjax.evaluate.compare import Record
+from shadowjax.evaluate.records import Record
 from shadowjax.report.advisor import Choice, advise, bytes_text, pareto_front
 
 BASE = Record("hard", 0.1, 0.01, 0.005, 0.005, 2, 2, 4096, 1.0, 1.0, 20.0, None, 0.5, 0.1)

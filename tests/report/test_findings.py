@@ -80,3 +80,14 @@ def test_results_are_plain_json(findings):
     ]  # fmt: skip
     assert content["recommendation"]["technique"] in ("hard", "pcf-2x2", "3sm")
     assert {"processor", "cores", "dtype", "jax", "date"} <= set(content["machine"])
+
+
+def test_exact_against_itself_and_soft_against_exact(findings):
+    hard, soft, _, exact = findings.comparison.records
+    assert (exact.rmse, exact.false_lit, exact.false_shadow, exact.edge_distance, exact.map_bytes) == (0, 0, 0, 0, 0)
+    assert hard.tones == 2
+    assert 2 < soft.tones <= soft.tones_bound == 5
+    for one in (hard, soft):
+        np.testing.assert_allclose(one.mean_abs_error, one.false_lit + one.false_shadow, rtol=1e-6)
+        assert one.map_bytes == 24 * 24 * findings.scene.mesh.vertices.dtype.itemsize
+        assert min(one.build_ms, one.visibility_ms) > 0

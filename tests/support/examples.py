@@ -160,7 +160,7 @@ def examples(folder: Path) -> dict[str, tuple[Callable[..., Any], Mapping[str, A
         },
         "intersect": {"mesh": p["mesh"], "rays": p["rays"], "face": jnp.zeros(2, jnp.int32)},
         "load": {"path": str(folder / "triangle.obj"), "dtype": jnp.float32},
-        "make_partition": {"name": "z"},
+        "make_partition": {"name": "z4", "warp": sj.UniformFit()},
         "make_scene": {"name": "cubes", "num_triangles": None, "dtype": jnp.float32},
         "make_technique": {"name": "hard", "resolution": 8, "caster": sj.BruteForceCaster()},
         "mesh_edges": {"mesh": p["mesh"], "weld": True},

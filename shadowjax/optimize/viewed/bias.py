@@ -1,5 +1,8 @@
 """The bias of least error over a scene: every kind by search, next to the default that theory gives."""
 
+import dataclasses
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -11,11 +14,12 @@ from shadowjax._types import Array, Float, Scalar
 from shadowjax.bias.kinds import NormalOffset
 from shadowjax.bias.rule import Bias, BiasRule
 from shadowjax.evaluate.acne import needed_bias
-from shadowjax.evaluate.slope_limit import SlopeLimit, slope_limit, told
+from shadowjax.evaluate.slope_limits import SlopeLimit, slope_limit, told
 from shadowjax.filters.base import Filter
 from shadowjax.optimize.solution import Kind, Solution, ended, with_maps
-from shadowjax.optimize.viewed.views import Viewed, Views, as_views, error_of
-from shadowjax.techniques.shadow_mapping import MappedShadows
+from shadowjax.optimize.viewed.views import Viewed, Views, as_maps, as_views, error_of
+from shadowjax.techniques.base import Technique
+from shadowjax.techniques.shadow_mapping import MappedShadows, ShadowMapping
 
 UNITS = ("world", "texel", "slope", "normal")
 ROUNDS = 3  # of the grid: each looks closer round the best value of the one before
@@ -27,7 +31,8 @@ class BiasCertificate(Checked):
     Attributes:
         unit: "world", "texel", "slope", or "normal" for a normal offset in texels times the sine of incidence.
         default_slope: The default, the least slope bias that frees planes of acne, texels of slope.
-        needed_slope: Slope bias that 99 % of the lit receivers need, measured, the largest over the scenes.
+        needed_slope: Slope bias that 99 % of the lit receivers need, measured on one uniform map around each scene, the
+            largest over the scenes.
         values: Values tried, rising, in the unit.
         errors: Error at each.
         slope_limit: Acne that the default's limit leaves where light grazes, the most over the scenes; None for none.
@@ -41,6 +46,13 @@ class BiasCertificate(Checked):
     slope_limit: SlopeLimit | None = eqx.field(static=True, default=None)
 
 
+def _parts(searched: ShadowMapping | Filter) -> dict[str, Any]:
+    """Fields of the shadow maps whose bias was searched."""
+    if isinstance(searched, Filter):
+        return {"filter": searched}
+    return {item.name: getattr(searched, item.name) for item in dataclasses.fields(searched)}
+
+
 KIND = Kind(
     (
         ("unit", "certificate.unit"), ("value", "value.value"), ("error", "objective_value"),
@@ -51,7 +63,7 @@ KIND = Kind(
     ),
     rival="default",
     technique=lambda found, resolution, options: with_maps(
-        resolution, options, filter=found.problem, bias=found.value
+        resolution, options, **_parts(found.problem), bias=found.value
     ),
 )  # fmt: skip
 
@@ -75,7 +87,7 @@ def _errors(shadows: MappedShadows, viewed: Viewed, unit: str, values: Float[Arr
 
 @checked
 def bias(
-    views: Views, filter_: Filter, unit: str = "slope", num_values: int = 17
+    views: Views, technique: str | Technique | Filter, unit: str = "slope", num_values: int = 17
 ) -> Solution[BiasRule, BiasCertificate]:
     """Search the bias of least error over scenes.
 
@@ -84,26 +96,29 @@ def bias(
 
     Args:
         views: Scenes, their names, or from `view_scene`; errors are root mean squares over all of them.
-        filter_: Reads the maps.
+        technique: Shadow maps, by name (as fine as the first view's map) or as an object, whose own bias is left aside;
+            or a filter alone, which reads each view's map.
         unit: "world", "texel", "slope" or "normal".
         num_values: Values in each round, ≥ 5.
 
     Returns:
         `value` the rule, a `Bias` or a `NormalOffset`, that `ShadowMapping` takes; `objective_value` the error;
         `baselines` "default", the least slope bias that frees planes of acne, against which the gain counts, and
-        "none". Its technique is one uniform map with this filter and bias.
+        "none". Its technique is the one given, or one uniform map with the filter, with this bias.
 
     Raises:
-        ValueError: If the unit is unknown.
+        ValueError: If the unit or a name is unknown, or the technique reads no map.
 
     Warns:
         SceneWarning: Where the limit of the default slope bias leaves acne, with the remedy.
     """
-    require_untraced("bias", views, filter_)
+    require_untraced("bias", views, technique)
     require_choice(unit, "bias unit", UNITS)
     require_int(num_values, "the number of values", 5)
     views = as_views(views)
-    built = [view.read(filter_) for view in views]
+    searched = as_maps(technique, views[0].resolution)
+    filter_ = searched if isinstance(searched, Filter) else searched.filter
+    built = [view.build(searched) for view in views]
 
     def errors(values: np.ndarray, kind: str = unit) -> np.ndarray:
         dtype = views[0].exact.dtype
@@ -139,7 +154,7 @@ def bias(
     baselines = {"default": number(default), "none": number(tried[0.0])}
     error = number(tried[value])
     rule = rule_of(unit, number(value))
-    return Solution(rule, error, baselines, certificate, ended(jnp.isfinite(error)), filter_, KIND)
+    return Solution(rule, error, baselines, certificate, ended(jnp.isfinite(error)), searched, KIND)
 
 
 def _largest(views: tuple[Viewed, ...], filter_: Filter, unit: str) -> float:

@@ -1,12 +1,12 @@
 """What the searches over filters share: scenes looked at once, maps cast once, and the error of a visibility."""
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 
-from shadowjax import scenes
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice
 from shadowjax._numerics import safe_sqrt
@@ -15,10 +15,14 @@ from shadowjax.bias.rule import BiasRule
 from shadowjax.evaluate.compare import reference_view
 from shadowjax.filters.base import Filter
 from shadowjax.filters.hard import Hard
+from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
+from shadowjax.presets.names import as_technique
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import default_caster
 from shadowjax.scenes.base import Scene
+from shadowjax.scenes.loading import Source, as_scene
+from shadowjax.techniques.base import Technique
 from shadowjax.techniques.shadow_mapping import MappedShadows, ShadowMapping
 from shadowjax.warps.fit import light_frustum, visible_range
 
@@ -49,6 +53,7 @@ class Viewed(Checked):
         cosine: Cosine of the light's incidence; 0 where no shadow counts.
         shadows: A hard test over the map.
         mesh: What the map was cast from.
+        light: What it was cast for.
         name: Of the scene.
         objective: What the error of a picture is.
     """
@@ -60,6 +65,7 @@ class Viewed(Checked):
     cosine: Float[Array, "points"]
     shadows: MappedShadows
     mesh: Mesh
+    light: Light
     name: str = eqx.field(static=True)
     objective: PictureError = eqx.field(static=True)
 
@@ -76,6 +82,12 @@ class Viewed(Checked):
     def read(self, filter_: Filter, bias: BiasRule | None = None) -> MappedShadows:
         """The map prepared for another filter."""
         return self.shadows.with_filter(filter_, bias)
+
+    def build(self, technique: ShadowMapping | Filter) -> MappedShadows:
+        """Shadow maps of a technique, without a bias of its own; a filter alone reads the map that is there."""
+        if isinstance(technique, Filter):
+            return self.read(technique)
+        return dataclasses.replace(technique, bias=None).build(self.mesh, self.light, self.shadows.camera)
 
     def error(self, visibility: Float[Array, "points"]) -> Float[Array, ""]:
         """The error of a picture, by the objective."""
@@ -96,12 +108,12 @@ def error_of(shadows: MappedShadows, viewed: Viewed) -> Float[Array, ""]:
     return viewed.error(shadows.visibility(viewed.points, viewed.normals))
 
 
-Views = Viewed | Scene | str | Sequence[Viewed | Scene | str]
+Views = Viewed | Scene | Source | Sequence[Viewed | Scene | Source]
 
 
 @checked
 def view_scene(
-    scene: Scene | str,
+    scene: Scene | Source,
     width: int = 160,
     height: int = 120,
     resolution: int = 256,
@@ -111,7 +123,7 @@ def view_scene(
     """Look at a scene and cast its first light's map.
 
     Args:
-        scene: A scene, or the name of a built-in one.
+        scene: A scene, or a name or a file as `load_scene` takes it.
         width: Pixels across, ≥ 1.
         height: Pixels down, ≥ 1.
         resolution: Texels along each side of the map, ≥ 1.
@@ -124,10 +136,11 @@ def view_scene(
         ValueError: If a name or size is wrong, or nothing in view faces the light.
     """
     error = OBJECTIVES[require_choice(objective, "objective", OBJECTIVES)] if isinstance(objective, str) else objective
-    scene = scenes.make_scene(scene) if isinstance(scene, str) else scene
+    scene = as_scene(scene)
     caster = default_caster() if caster is None else caster
     view = reference_view(scene, width, height, caster)
-    shadows = ShadowMapping(Hard(), resolution, caster=caster).build(scene.mesh, scene.lights[0], scene.camera)
+    light = scene.lights[0]
+    shadows = ShadowMapping(Hard(), resolution, caster=caster).build(scene.mesh, light, scene.camera)
 
     def flat(x: Any) -> Array:
         return x.reshape(-1, *x.shape[2:])
@@ -135,8 +148,28 @@ def view_scene(
     surface = view.surface
     return Viewed(
         flat(surface.points), flat(surface.normals), flat(surface.face), flat(view.exact), flat(view.cosine), shadows,
-        scene.mesh, scene.name, error,
+        scene.mesh, light, scene.name, error,
     )  # fmt: skip
+
+
+@checked
+def as_maps(technique: str | Technique | Filter, resolution: int = 256) -> ShadowMapping | Filter:
+    """What a search over maps takes: shadow maps by name or as an object, or a filter that reads maps that are there.
+
+    Args:
+        technique: Any name that `make_technique` takes, an object, or a filter.
+        resolution: Texels along each side of a map, ≥ 1, of a technique that is given by name.
+
+    Raises:
+        ValueError: If a name is wrong, or the technique reads no map.
+    """
+    if isinstance(technique, Filter):
+        return technique
+    made = as_technique(technique, resolution)
+    if not isinstance(made, ShadowMapping):
+        name = technique if isinstance(technique, str) else type(made).__name__
+        raise ValueError(f"{name} reads no shadow map, so there is no number to search; choose another technique")
+    return made
 
 
 class ViewNumbers(NamedTuple):
@@ -157,16 +190,16 @@ class ViewNumbers(NamedTuple):
 
 
 @checked
-def view_of(scene: Scene | str) -> ViewNumbers:
+def view_of(scene: Scene | Source) -> ViewNumbers:
     """Near, far, φ and γ of a scene's camera and first light, in the order in which optimisers take them.
 
     Args:
-        scene: A scene, or the name of a built-in one.
+        scene: A scene, or a name or a file as `load_scene` takes it.
 
     Raises:
         ValueError: If the light is not directional.
     """
-    scene = scenes.make_scene(scene) if isinstance(scene, str) else scene
+    scene = as_scene(scene)
     light = scene.lights[0].as_directional("the angle γ needs")
     frustum = light_frustum(scene.camera, light.direction, *visible_range(scene.camera, scene.mesh))
     return ViewNumbers(frustum.near, frustum.far, frustum.phi_y, frustum.gamma)
@@ -179,12 +212,12 @@ def as_views(views: Views, **options: Any) -> tuple[Viewed, ...]:
     Raises:
         ValueError: If there is none.
     """
-    given = (views,) if isinstance(views, Viewed | Scene | str) else tuple(views)
+    given = (views,) if not isinstance(views, Sequence) or isinstance(views, str) else tuple(views)
     require(len(given) > 0, "give at least one scene")
     return tuple(one if isinstance(one, Viewed) else view_scene(one, **options) for one in given)
 
 
 __all__ = [
-    "OBJECTIVES", "PictureError", "ViewNumbers", "Viewed", "Views", "as_views", "error_of", "view_of", "view_scene",
-    "visibility_of",
+    "OBJECTIVES", "PictureError", "ViewNumbers", "Viewed", "Views", "as_maps", "as_views", "error_of", "view_of",
+    "view_scene", "visibility_of",
 ]  # fmt: skip
