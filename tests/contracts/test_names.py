@@ -13,7 +13,9 @@ from shapes import above, lights, plate_over_plane
 
 import shadowjax as sj
 from shadowjax._registry import Entry
-from shadowjax.cli.main import main
+from shadowjax.cli import options
+from shadowjax.cli.console import labelled
+from shadowjax.cli.main import main, parse
 from shadowjax.evaluate.capability import capability
 from shadowjax.filters.registry import FILTERS, POLICIES
 from shadowjax.partitions.registry import PARTITIONS
@@ -210,3 +212,37 @@ def test_a_new_filter_is_one_line_in_a_registry(monkeypatch, capsys):
 def test_defaults_are_built_of_the_registries():
     assert {*FILTERS, *POLICIES, *LAYER_DEPTHS, *ALONE} <= set(TECHNIQUES)
     assert compose("hard").caster == sj.Exact().caster != BruteForceCaster()
+
+
+def test_labels_and_tables_of_toml_reach_the_same_names(tmp_path, capsys):
+    (tmp_path / "t.toml").write_text("[techniques]\nours = 'z4+minimax+evsm4'\ntheirs = 'pcf-3x3'\n")
+    words = ["ours=z4+minimax+evsm4", "theirs=pcf-3x3"]
+    chosen = [
+        parse(options.Compare, "compare", given)
+        for given in (["--config", str(tmp_path / "t.toml")], ["--techniques", *words])
+    ]
+    assert labelled(chosen[0].techniques) == labelled(chosen[1].techniques)
+    assert labelled(chosen[0].techniques) == {"ours": "z4+minimax+evsm4", "theirs": "pcf-3x3"}
+    assert main(["techniques", *words, "--json", "-"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [(row["technique"], row["maps"], row["planes"]) for row in rows] == [("ours", 4, 4), ("theirs", 1, 1)]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["techniques", "z4+mimimax"], "unknown token 'mimimax' in 'z4+mimimax'; did you mean minimax"),
+        (["techniques", "=hard"], "a technique is NAME or LABEL=NAME; got '=hard'"),
+        (["techniques", "a=hard", "a=vsm"], "give each technique once; got a more than once"),
+        (["compare", "--techniques", "faces+psm"], "every face has a warp of its own"),
+        (["render", "--technique", "3sm+vsm", "-o", "x.png"], "take hard or pcf-KxK with them"),
+        (["optimize", "bias", "--technique", "exact"], "exact reads no"),
+    ],
+)
+def test_commands_refuse_bad_names_in_one_line(words, message, capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert message in shown.err
+    assert len([line for line in shown.err.splitlines() if line.startswith("shadowjax: ")]) == 1
