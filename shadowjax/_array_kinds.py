@@ -16,20 +16,35 @@ from shadowjax._types import default_dtype
 class Numbers(Kind):
     """What can be made an array of numbers: a number, an array, or nested lists. The function makes the array."""
 
+    rank = 5
+    holds_arrays = True
+
     def __init__(self, within: Range | None = None):
         self.within = within
-        self.wanted = "a number or an array of numbers" + ("" if within is None else f", {within}")
+        self.wanted = "a number or an array of numbers" + _in_words(within)
 
     def accepts(self, value: Any) -> bool:
         known = isinstance(value, jax.Array | np.ndarray | np.number | int | float | list | tuple)
         return known and not isinstance(value, bool)
+
+    def is_exactly(self, value: Any) -> bool:
+        return isinstance(value, jax.Array | np.ndarray)
+
+    def numbers(self, value: Any) -> Kind | None:
+        return self if self.is_exactly(value) else None
+
+    def reads(self, dtype: Any) -> bool:
+        """Whether numbers of a dtype are looked at: they may be NaN or infinite, or out of range."""
+        has_range = self.within is not None and self.within.is_bounded
+        return has_range or (_kind_of_dtype(dtype) == "f" and (self.within is None or self.within.is_read))
 
     def check(self, value: Any, name: str, call: Call) -> Any:
         array = value if isinstance(value, jax.Array) else as_numbers(value) if self.accepts(value) else None
         # Masks and binary pictures are arrays of truths.
         if array is None or _kind_of_dtype(array.dtype) not in "fiub":
             call.refuse(name, self.wanted, value, self.remedy(value, name, call))
-        call.look_at(name, array, self.within)
+        if self.reads(array.dtype):
+            call.look_at(name, array, self.within)
         return value
 
     def remedy(self, value: Any, name: str, call: Call) -> str:
@@ -61,8 +76,13 @@ class ArrayKind(Numbers):
             self.wanted = "a number" if word == "floating" else f"one {word} number"
         elif self.tokens != ("...",):
             self.wanted += f" of shape {self.shape}"
-        if within is not None:
-            self.wanted += f", {within}"
+        self.wanted += _in_words(within)
+
+    def is_exactly(self, value: Any) -> bool:
+        return isinstance(value, np.ndarray if self.is_numpy else jax.Array)
+
+    def reads(self, dtype: Any) -> bool:
+        return self.family != "Shaped" and _kind_of_dtype(dtype) == "f" and super().reads(dtype)
 
     def accepts(self, value: Any) -> bool:
         return super().accepts(value) or (self.family == "Bool" and isinstance(value, bool | np.bool_))
@@ -71,7 +91,7 @@ class ArrayKind(Numbers):
         array = self._converted(value, name, call)
         if not self._fits(array.shape, call, name):
             call.refuse(name, self.wanted, value, self._layout(array.shape, name))
-        if self.family != "Shaped" and call.reads_values and _kind_of_dtype(array.dtype) == "f":
+        if self.reads(array.dtype):
             call.look_at(name, array, self.within)
         return array
 
@@ -144,6 +164,10 @@ class ArrayKind(Numbers):
         if len(shape) > 1 and last.isdigit() and shape[0] == int(last):
             return f"The axis of {last} comes last: give jnp.moveaxis({name}, 0, -1)"
         return ""
+
+
+def _in_words(within: Range | None) -> str:
+    return f", {within}" if within is not None and within.is_bounded else ""
 
 
 def _planes_last(shape: tuple[int, ...]) -> bool:

@@ -13,6 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from shadowjax._array_kinds import ArrayKind, Numbers
 from shadowjax._checks import Range
@@ -45,6 +46,10 @@ LARGEST_COUNT = (1 << 31) - 1
 LARGEST_SIDE = 1 << 16
 
 
+# Sets of dtypes and shapes that are kept for each function.
+_MOST_LAYOUTS = 256
+
+
 class _State(threading.local):
     """Whether a checked function runs: what it calls in its turn is no entry point, so values are not read again."""
 
@@ -52,6 +57,12 @@ class _State(threading.local):
 
 
 _STATE = _State()
+
+
+@functools.cache
+def _holds_numbers(cls: type) -> bool:
+    """Whether a class is one of arrays that are known; traced ones are met once, while a function is compiled."""
+    return issubclass(cls, np.ndarray | jax.Array) and not issubclass(cls, Tracer)
 
 
 def kind_of(hint: Any, name: str, within: Range | None = None) -> Kind:
@@ -126,6 +137,8 @@ class _Arguments:
 
     def __init__(self, function: Callable[..., Any], label: str):
         self.function, self.label = function, label
+        # By names, dtypes and shapes of arrays that fit: for each whether its numbers are read, and their range.
+        self.known: dict[Any, tuple[tuple[bool, Range | None], ...]] = {}
 
     @functools.cached_property
     def signature(self) -> inspect.Signature:
@@ -153,6 +166,11 @@ class _Arguments:
         return tuple((name, self.named[name], part.default) for name, part in parts.items() if part.kind in fixed)
 
     @functools.cached_property
+    def stored(self) -> tuple[tuple[str, ArrayKind], ...]:
+        """What a class stores as arrays."""
+        return tuple((name, kind) for name, kind in self.named.items() if isinstance(kind, ArrayKind))
+
+    @functools.cached_property
     def defaults(self) -> dict[str, Any]:
         """What an argument is where it is not given; always good."""
         return {name: part.default for name, part in self.signature.parameters.items()}
@@ -167,17 +185,62 @@ class _Arguments:
         return Call(self.label, self.named, not _STATE.inside, given)
 
     def check(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> list[Any]:
-        """The arguments, converted where that loses nothing (`kwargs` in place); ValueError for the first misfit."""
+        """The arguments, converted where that loses nothing (`kwargs` in place); ValueError for the first misfit.
+
+        What dtypes and shapes decide is decided once for each set of them; later calls read only the numbers.
+        """
         call = self.call(*args, *kwargs.values())
         new: list[Any] = list(args)
+        arrays: list[tuple[int | str, str, Kind, Any]] = []
         for place, (value, (name, kind, default)) in enumerate(zip(args, self.in_order, strict=False)):
             if value is not default:
-                new[place] = kind.check(value, name, call)
+                if kind.holds_arrays:
+                    arrays.append((place, name, kind, value))
+                else:
+                    new[place] = kind.check(value, name, call)
         for name, value in kwargs.items():
             kind = self.named.get(name)
             if kind is not None and value is not self.defaults[name]:
-                kwargs[name] = kind.check(value, name, call)
+                if kind.holds_arrays:
+                    arrays.append((name, name, kind, value))
+                else:
+                    kwargs[name] = kind.check(value, name, call)
+        if not arrays:
+            return new
+        is_plain = all(_holds_numbers(type(value)) for *_, value in arrays)
+        layout = (
+            tuple((name, type(value), value.dtype, value.shape) for _, name, _, value in arrays) if is_plain else None
+        )
+        deciding = self.known.get(layout)
+        if deciding is not None:
+            if call.reads_values:
+                for (_, name, _, value), (reads, within) in zip(arrays, deciding, strict=True):
+                    if reads:
+                        call.look_at(name, value, within)
+            return new
+        same = is_plain
+        for place, name, kind, value in arrays:
+            found = kind.check(value, name, call)
+            same = same and found is value
+            if isinstance(place, int):
+                new[place] = found
+            else:
+                kwargs[place] = found
+        if same:
+            self._remember(layout, arrays)
         return new
+
+    def _remember(self, layout: Any, arrays: list[tuple[Any, str, Kind, Any]]) -> None:
+        """Keep that arrays of some dtypes and shapes fit, and which of them have numbers to be read."""
+        deciding = [kind.numbers(value) for *_, kind, value in arrays]
+        if all(isinstance(kind, Numbers) for kind in deciding):
+            if len(self.known) >= _MOST_LAYOUTS:
+                self.known.clear()
+            self.known[layout] = tuple(
+                (kind.reads(value.dtype), kind.within)
+                for kind, (*_, value) in zip(deciding, arrays, strict=True)
+                if isinstance(kind, Numbers)
+            )
 
 
 def checked(target: _Target) -> _Target:
@@ -264,10 +327,18 @@ class Checked(eqx.Module):
 
     def __check_init__(self) -> None:
         """Numbers, lists and NumPy arrays become arrays where arrays are stored."""
-        arguments = constructor_arguments(type(self))
-        for name, kind in arguments.named.items():
-            value = getattr(self, name, None)
-            if isinstance(kind, ArrayKind) and value is not None and not isinstance(value, jax.Array | np.ndarray):
-                array = kind.check(value, name, arguments.call(*vars(self).values()))
+        arguments, held = constructor_arguments(type(self)), vars(self)
+        for name, kind in arguments.stored:
+            value = held.get(name)
+            if value is not None and not (_holds_numbers(type(value)) or isinstance(value, jax.Array)):
+                array = kind.check(value, name, arguments.call(*held.values()))
                 # Of a strong type: `jit` compiles anew for weak ones.
                 object.__setattr__(self, name, jnp.asarray(array, array.dtype))
+
+    @classmethod
+    def _trusted(cls, **fields: Any) -> Any:
+        """An object of all its fields, unchecked and unconverted: for functions that have done both."""
+        made = object.__new__(cls)
+        for name, value in fields.items():
+            object.__setattr__(made, name, value)
+        return made

@@ -53,11 +53,20 @@ class Range:
         low: Least value; None for no bound.
         high: Largest value; None for no bound.
         is_open: Whether `low` itself is left out.
+        has_infinity: Whether infinity is a number too, as that n' of a uniform map.
+        is_read: Whether a checked signature reads the numbers; a function that converts them first reads the result.
     """
 
     low: float | None = None
     high: float | None = None
     is_open: bool = False
+    has_infinity: bool = False
+    is_read: bool = True
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether some finite numbers lie outside."""
+        return self.low is not None or self.high is not None
 
     def holds(self, value: Any) -> bool:
         """Whether all numbers lie inside."""
@@ -77,6 +86,8 @@ POSITIVE = Range(0.0, is_open=True)
 NOT_NEGATIVE = Range(0.0)
 UNIT_INTERVAL = Range(0.0, 1.0)
 AT_LEAST_ONE = Range(1)
+MAY_BE_INFINITE = Range(has_infinity=True)
+READ_INSIDE = Range(is_read=False)
 
 
 def came(value: Any) -> str:

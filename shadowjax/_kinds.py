@@ -13,9 +13,6 @@ from jax.core import Tracer
 
 from shadowjax._checks import Range, came, num_not_finite, require_dtype, require_int, require_number
 
-# A near distance n' of infinity is the uniform map.
-MAY_BE_INFINITE = frozenset({"near_distance"})
-
 
 class Call:
     """One call while it is checked: who is called, and which sizes its named dimensions have had so far."""
@@ -43,8 +40,9 @@ class Call:
         if not self.reads_values or isinstance(value, Tracer):
             return
         bad = num_not_finite(value)
-        if bad and name in MAY_BE_INFINITE and not np.isnan(np.asarray(value)).any():
-            return
+        if bad and within is not None and within.has_infinity:
+            # What is left is NaN.
+            bad = int(np.isnan(np.asarray(value)).sum())
         if bad:
             raise ValueError(
                 f"{self.label}: {name} must be finite; {bad} of {np.size(value)} numbers are NaN or infinite"
@@ -54,14 +52,31 @@ class Call:
 
 
 class Kind:
-    """What one annotation asks for."""
+    """What one annotation asks for.
+
+    Attributes:
+        wanted: In words.
+        rank: Its place among the alternatives of a union, however they are written.
+        holds_arrays: Whether what fits may be an array, or hold some.
+    """
 
     wanted = "anything"
+    rank = 9
+    holds_arrays = False
+
+    def is_exactly(self, value: Any) -> bool:
+        """Whether the value is accepted and needs no conversion."""
+        return self.accepts(value)
 
     def accepts(self, value: Any) -> bool:
         """Whether the value is meant for this annotation, rather than for another one of a union."""
         del value
         return True
+
+    def numbers(self, value: Any) -> "Kind | None":
+        """The kind that alone decides about an array by its dtype and shape; None where there is no such."""
+        del value
+        return None
 
     def check(self, value: Any, name: str, call: Call) -> Any:
         """The value, converted where that loses nothing, or a ValueError."""
@@ -77,6 +92,7 @@ class Kind:
 
 class Nothing(Kind):
     wanted = "None"
+    rank = 0
 
     def accepts(self, value: Any) -> bool:
         return value is None
@@ -85,12 +101,16 @@ class Nothing(Kind):
 class Number(Kind):
     """A real number that is no bool: of Python, of NumPy, or an array of shape ()."""
 
+    rank = 6
+
     def __init__(self, within: Range | None = None):
         self.within = within
         self.wanted = "a number" if within is None else str(within)
 
     def accepts(self, value: Any) -> bool:
-        return isinstance(value, int | float | np.number | np.ndarray | jax.Array) and not isinstance(value, bool)
+        if isinstance(value, np.ndarray | jax.Array):
+            return value.ndim == 0
+        return isinstance(value, int | float | np.number) and not isinstance(value, bool)
 
     def check(self, value: Any, name: str, call: Call) -> Any:
         if isinstance(value, Tracer) and value.ndim == 0 and value.dtype.kind not in "bc":
@@ -101,6 +121,8 @@ class Number(Kind):
 
 
 class Integer(Kind):
+    rank = 3
+
     def __init__(self, minimum: int | None = None, maximum: int | None = None):
         self.minimum, self.maximum = minimum, maximum
         self.wanted = "an integer" if minimum is None else f"an integer of at least {minimum}"
@@ -117,6 +139,8 @@ class Integer(Kind):
 
 class Instance(Kind):
     """An object of a class of this package, or of another one."""
+
+    rank = 4
 
     def __init__(self, wanted: type):
         self.cls = wanted
@@ -153,6 +177,8 @@ def _needs_nothing(cls: type) -> bool:
 
 
 class Choice(Kind):
+    rank = 2
+
     def __init__(self, choices: tuple[Any, ...]):
         self.choices = choices
         self.wanted = f"one of {', '.join(map(repr, choices))}"
@@ -163,6 +189,7 @@ class Choice(Kind):
 
 class Flag(Kind):
     wanted = "True or False"
+    rank = 1
 
     def accepts(self, value: Any) -> bool:
         return isinstance(value, bool | np.bool_)
@@ -170,6 +197,7 @@ class Flag(Kind):
 
 class Function(Kind):
     wanted = "a function"
+    rank = 8
 
     def accepts(self, value: Any) -> bool:
         return callable(value)
@@ -187,8 +215,11 @@ class Dtype(Kind):
 class Items(Kind):
     """Several values in a row; `parts` holds the kind of all of them, or one kind for each."""
 
+    rank = 7
+
     def __init__(self, container: type, parts: tuple[Kind, ...], is_fixed: bool):
         self.container, self.parts, self.is_fixed = container, parts, is_fixed
+        self.holds_arrays = any(part.holds_arrays for part in parts)
         inner = ", ".join(part.wanted for part in parts) if is_fixed else f"each {parts[0].wanted}" if parts else ""
         word = {"tuple": "tuple", "list": "list"}.get(container.__name__, "sequence")
         self.wanted = f"a {word}" + (f" ({inner})" if inner and inner != "each anything" else "")
@@ -218,9 +249,11 @@ class Items(Kind):
 
 class Table(Kind):
     wanted = "a mapping"
+    rank = 7
 
     def __init__(self, key: Kind, value: Kind):
         self.key, self.value = key, value
+        self.holds_arrays = value.holds_arrays
 
     def accepts(self, value: Any) -> bool:
         return isinstance(value, Mapping)
@@ -234,19 +267,40 @@ class Table(Kind):
 
 
 class Either(Kind):
-    """A union: the first alternative that the value is meant for checks it."""
+    """A union, whose alternatives may be written in any order.
+
+    A value that already is what some alternatives ask for is left to these, else it is given to all that accept it:
+    the first by rank that does not refuse it checks it.
+    """
 
     def __init__(self, kinds: tuple[Kind, ...]):
-        self.kinds = kinds
+        self.kinds = tuple(sorted(kinds, key=lambda kind: (kind.rank, kind.wanted)))
         self.wanted = " or ".join(dict.fromkeys(kind.wanted for kind in kinds))
+        self.holds_arrays = any(kind.holds_arrays for kind in kinds)
 
     def accepts(self, value: Any) -> bool:
         return any(kind.accepts(value) for kind in self.kinds)
 
+    def is_exactly(self, value: Any) -> bool:
+        return any(kind.is_exactly(value) for kind in self.kinds)
+
+    def numbers(self, value: Any) -> Kind | None:
+        fitting = [kind for kind in self.kinds if kind.accepts(value)]
+        return fitting[0].numbers(value) if len(fitting) == 1 else None
+
     def check(self, value: Any, name: str, call: Call) -> Any:
-        for kind in self.kinds:
-            if kind.accepts(value):
+        fitting = [kind for kind in self.kinds if kind.is_exactly(value)]
+        refusals: list[ValueError] = []
+        for kind in fitting or [kind for kind in self.kinds if kind.accepts(value)]:
+            dims = call.dims
+            call.dims = dict(dims)
+            try:
                 return kind.check(value, name, call)
+            except ValueError as refusal:
+                call.dims = dims
+                refusals.append(refusal)
+        if refusals:
+            raise refusals[0]
         return super().check(value, name, call)
 
     def remedy(self, value: Any, name: str, call: Call) -> str:

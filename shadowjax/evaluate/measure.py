@@ -3,17 +3,18 @@
 Nothing here uses a formula of the warping chapter: its formulas are checked against this.
 """
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from shadowjax._checked import checked
+from shadowjax._checks import MAY_BE_INFINITE
 from shadowjax._numerics import dot, norm, normalize, safe_divide
 from shadowjax._types import Array, Float, Points, Vector3
 from shadowjax.geometry.transforms import any_perpendicular
 from shadowjax.rays.ray_grid import RayGrid
-from shadowjax.theory.aliasing.light_frustum import LightFrustum
+from shadowjax.theory.aliasing.light_frustum import LightFrustum, VirtualNear
 
 Numbers = Float[Array, "..."]
 Matrix4 = Float[Array, "4 4"]
@@ -44,7 +45,9 @@ def light_axes(gamma: Float[Array, ""]) -> Float[Array, "3 3"]:
 
 @checked
 def warp_matrix(
-    frustum: LightFrustum, near_distance: Float[Array, ""], tan_x: Float[Array, ""] | None = None
+    frustum: LightFrustum,
+    near_distance: Annotated[Float[Array, ""], MAY_BE_INFINITE],
+    tan_x: Float[Array, ""] | None = None,
 ) -> Matrix4:
     """World to (s, ·, t) as one homogeneous matrix: light axes, projection centre, frustum matrix, bias to [0, 1].
 
@@ -136,7 +139,7 @@ def pixel_cut(slope: Numbers, half_pixel: Numbers, depth: Numbers, angle: Number
 @checked
 def beams(
     frustum: LightFrustum,
-    near_distance: Numbers,
+    near_distance: VirtualNear,
     depth: Numbers,
     slope: Numbers,
     angle: Numbers,

@@ -1,14 +1,14 @@
 """Triangle meshes: the Mesh pytree, its checked constructor, normals, areas and bounds."""
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
 from shadowjax._checked import Checked, checked
-from shadowjax._checks import concrete, require, require_finite, require_value
+from shadowjax._checks import READ_INSIDE, concrete, require, require_finite, require_value
 from shadowjax._numerics import norm, normalize, safe_divide
 from shadowjax._types import Array, ArrayLike, DType, Float, Int, Scalar, Vector3, as_float_array
 from shadowjax.geometry.origin import Origin, as_origin, to_local
@@ -39,9 +39,9 @@ class Mesh(Checked):
     @classmethod
     def create(
         cls,
-        vertices: ArrayLike,
+        vertices: Annotated[ArrayLike, READ_INSIDE],
         faces: ArrayLike,
-        face_colors: ArrayLike | None = None,
+        face_colors: Annotated[ArrayLike | None, READ_INSIDE] = None,
         dtype: DType | None = None,
         origin: Any = (0.0, 0.0, 0.0),
     ) -> "Mesh":
@@ -81,13 +81,17 @@ class Mesh(Checked):
             colors.shape in ((), (3,), (num_faces, 3)),
             f"face_colors must have shape ({num_faces}, 3), or (3,) for all faces; got {colors.shape}",
         )
-        known = concrete(colors)
-        if known is not None:
-            # By NumPy: operations of JAX on their own would take longer than all the rest. NaN is found below.
-            holds = ~((known < 0) | (known > 1 + 4 * jnp.finfo(colors.dtype).eps))
-            colors = require_value(colors, holds, "face_colors, linear albedo, must lie in [0, 1] (not 0 … 255)")
-        colors = jnp.broadcast_to(colors, (num_faces, 3))
-        return cls(vertices, jnp.asarray(indices, jnp.int32), require_finite(colors, "face_colors"), origin)
+        known, name = concrete(colors), "face_colors"
+        if known is None:
+            colors = require_finite(colors, name)
+        # By NumPy: operations of JAX on their own would take longer than all the rest.
+        elif not (known.min() >= 0 and known.max() <= 1 + 4 * jnp.finfo(colors.dtype).eps):
+            message = f"{name}, linear albedo, must lie in [0, 1] (not 0 … 255)"
+            require_value(require_finite(colors, name), np.zeros((), bool), message)
+        if colors.ndim < 2:
+            colors = jnp.broadcast_to(colors, (num_faces, 3))
+        indices = jnp.asarray(indices, jnp.int32)
+        return cls._trusted(vertices=vertices, faces=indices, face_colors=colors, origin=as_origin(origin))
 
     @property
     def num_faces(self) -> int:

@@ -23,6 +23,8 @@ def as_origin(value: Any) -> Origin:
     Raises:
         ValueError: If the value is not three finite numbers.
     """
+    if type(value) is tuple and len(value) == 3 and all(type(x) is float and math.isfinite(x) for x in value):
+        return value
     numbers = as_numbers(value)
     known = numbers is not None and numbers.shape == (3,) and numbers.dtype.kind in "fiu"
     require(known, f"origin must be three numbers; got {came(value)}")

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import shadowjax
+from shadowjax._checks import Range
 
 # No library of arrays: readers of files, commands, pages of HTML, rows of the ledger. They check what they read.
 OTHER_ROOMS = ("shadowjax.geometry.mesh_files", "shadowjax.cli", "shadowjax.report", "shadowjax.ledger")
@@ -100,7 +101,13 @@ def bad_values(hint: Any, name: str) -> dict[str, Any] | None:
     """What an argument of this annotation must refuse, by what is wrong with it; None where anything goes."""
     parts = typing.get_args(hint)
     if typing.get_origin(hint) is typing.Annotated:
-        return bad_values(parts[0], "")
+        bad = bad_values(parts[0], "")
+        for part in parts[1:]:
+            if bad is not None and isinstance(part, Range):
+                # Numbers that a function reads itself are tried with good ones beside them, by the front door.
+                good = {"infinity"} if part.has_infinity else set() if part.is_read else {"infinity", "NaN"}
+                bad = {kind: value for kind, value in bad.items() if not any(word in kind for word in good)}
+        return bad
     if typing.get_origin(hint) in (typing.Union, types.UnionType):
         return _bad_for_all(parts, name)
     if name == "dtype":
@@ -112,13 +119,7 @@ def bad_values(hint: Any, name: str) -> dict[str, Any] | None:
         bad["a word"] = "word"
     if hint is bytes:
         del bad["bytes"]
-    by_kind = _bad_by_kind(hint, name)
-    return {**bad, **{kind: value for kind, value in by_kind.items() if not _is_uniform(name, kind)}}
-
-
-def _is_uniform(name: str, kind: str) -> bool:
-    """An infinite near distance n' is the uniform map."""
-    return name == "near_distance" and "infinity" in kind
+    return {**bad, **_bad_by_kind(hint, name)}
 
 
 def _bad_for_all(parts: tuple[Any, ...], name: str) -> dict[str, Any] | None:
@@ -130,8 +131,6 @@ def _bad_for_all(parts: tuple[Any, ...], name: str) -> dict[str, Any] | None:
             "NaN inside": [0.0, np.nan], "words": ["a", "b"],
         }  # fmt: skip
         bad |= {} if str in parts else {"a word": "word"}
-        if _is_uniform(name, "infinity"):
-            del bad["infinity"]
         return bad | ({} if types.NoneType in parts else {"None": None})
     each = [bad_values(part, name) for part in parts if part is not types.NoneType]
     if any(one is None for one in each):

@@ -9,12 +9,13 @@ any set of pixels is a cubic in κ whose coefficients are four moments Σ weight
 give the error of every slice between two planes at once.
 """
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 
 from shadowjax._checked import Checked, checked
+from shadowjax._checks import MAY_BE_INFINITE
 from shadowjax._numerics import dot, largest, norm, safe_divide
 from shadowjax._types import Array, Float, Scalar, Vector2
 from shadowjax.geometry.camera import Camera
@@ -162,7 +163,7 @@ def total_error(
 
 
 @checked
-def mean_error(pixels: SeenPixels, near_distance: Scalar) -> Scalar:
+def mean_error(pixels: SeenPixels, near_distance: Annotated[Scalar, MAY_BE_INFINITE]) -> Scalar:
     """Pixels that a texel covers, m_x·m_z at equal resolutions, averaged over the seen pixels by weight.
 
     Args:

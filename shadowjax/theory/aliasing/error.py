@@ -3,19 +3,22 @@
 Everything is written in 1/n', so that the uniform map (n' = ∞) is an ordinary value and loses no digits.
 """
 
+from typing import Annotated
+
 import equinox as eqx
 import jax.numpy as jnp
 
 from shadowjax._checked import Checked, checked
+from shadowjax._checks import MAY_BE_INFINITE
 from shadowjax._numerics import larger
 from shadowjax._types import Array, Float
-from shadowjax.theory.aliasing.light_frustum import LightFrustum, Section
+from shadowjax.theory.aliasing.light_frustum import LightFrustum, Section, VirtualNear
 
 
 @checked
 def error_z(
     frustum: LightFrustum,
-    near_distance: Float[Array, "..."],
+    near_distance: VirtualNear,
     depth: Float[Array, "..."],
     height: Float[Array, "..."] | float = 0.0,
     resolution_ratio: Float[Array, "..."] | float = 1.0,
@@ -44,7 +47,7 @@ def error_z(
 @checked
 def error_x(
     frustum: LightFrustum,
-    near_distance: Float[Array, "..."],
+    near_distance: VirtualNear,
     depth: Float[Array, "..."],
     height: Float[Array, "..."] | float = 0.0,
     resolution_ratio: Float[Array, "..."] | float = 1.0,
@@ -74,7 +77,7 @@ def _worst(frustum: LightFrustum, strength: Float[Array, "..."], section: Sectio
 @checked
 def max_error_z(
     frustum: LightFrustum,
-    near_distance: Float[Array, "..."],
+    near_distance: VirtualNear,
     section: Section = "axis",
     resolution_ratio: Float[Array, "..."] | float = 1.0,
 ) -> Float[Array, "..."]:
@@ -91,7 +94,7 @@ def max_error_z(
 @checked
 def max_error_x(
     frustum: LightFrustum,
-    near_distance: Float[Array, "..."],
+    near_distance: VirtualNear,
     section: Section = "axis",
     resolution_ratio: Float[Array, "..."] | float = 1.0,
 ) -> Float[Array, "..."]:
@@ -118,7 +121,7 @@ class Pieces(Checked):
     offsets: Float[Array, "*batch 5"]
     powers: tuple[tuple[float, ...], ...] = eqx.field(static=True)
 
-    def logs(self, near_distance: Float[Array, "*batch"]) -> Float[Array, "*batch pieces"]:
+    def logs(self, near_distance: Annotated[Float[Array, "*batch"], MAY_BE_INFINITE]) -> Float[Array, "*batch pieces"]:
         """ln of every piece at an n'."""
         return self.bent(1 / near_distance)
 
@@ -127,7 +130,7 @@ class Pieces(Checked):
         stretches = jnp.log1p(self.offsets * strength[..., None])
         return self.level + jnp.sum(self._powers() * stretches[..., None, :], axis=-1)
 
-    def terms(self, near_distance: Float[Array, "*batch"]) -> Float[Array, "*batch pieces"]:
+    def terms(self, near_distance: Annotated[Float[Array, "*batch"], MAY_BE_INFINITE]) -> Float[Array, "*batch pieces"]:
         """Sum of the sizes of the terms that a piece's slope along ln n' is made of: rounding is a share of it."""
         ratio = jnp.abs(self.offsets) / near_distance[..., None]
         return jnp.sum(jnp.abs(self._powers()) * (ratio / (1 + ratio))[..., None, :], axis=-1)
@@ -176,9 +179,7 @@ def error_pieces(frustum: LightFrustum, error: str, section: Section = "axis") -
 
 
 @checked
-def storage_factor(
-    frustum: LightFrustum, near_distance: Float[Array, "..."], section: Section = "axis"
-) -> Float[Array, "..."]:
+def storage_factor(frustum: LightFrustum, near_distance: VirtualNear, section: Section = "axis") -> Float[Array, "..."]:
     """S = M_x·M_z at equal resolutions: texels of a map without perspective aliasing per pixel of the image.
 
     Source: warping, eq. 30–31, for any γ.

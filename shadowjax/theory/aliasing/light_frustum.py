@@ -1,17 +1,19 @@
 """The camera frustum as the light sees it: offsets, extents and half widths in the warping chapter's light space."""
 
 import math
-from typing import Literal
+from typing import Annotated, Literal
 
 import jax.numpy as jnp
 
 from shadowjax._checked import Checked, checked
-from shadowjax._checks import require_choice, require_finite, require_value
+from shadowjax._checks import MAY_BE_INFINITE, require_choice, require_finite, require_value
 from shadowjax._numerics import larger
 from shadowjax._types import Array, ArrayLike, DType, Float, as_float_array
 
 Section = Literal["axis", "whole"]
 SECTIONS: tuple[Section, ...] = ("axis", "whole")
+# A near distance n' of infinity is the uniform map.
+VirtualNear = Annotated[Float[Array, "..."], MAY_BE_INFINITE]
 
 
 class LightFrustum(Checked):
@@ -118,7 +120,7 @@ class LightFrustum(Checked):
         extent = self.extent
         return extent * (4 / float(jnp.finfo(extent.dtype).eps))  # W/n' is a quarter of an ulp of 1
 
-    def bounded(self, near_distance: Float[Array, "..."]) -> Float[Array, "..."]:
+    def bounded(self, near_distance: VirtualNear) -> Float[Array, "..."]:
         """A near distance kept at or below the one that stands for ∞; infinite ones become it."""
         uniform = self.uniform_near_distance
         return jnp.where(near_distance < uniform, near_distance, uniform)
@@ -174,7 +176,9 @@ class LightFrustum(Checked):
 
 
 @checked
-def strength_of(near_distance: ArrayLike, dtype: DType | None = None) -> Float[Array, "..."]:
+def strength_of(
+    near_distance: Annotated[ArrayLike, MAY_BE_INFINITE], dtype: DType | None = None
+) -> Float[Array, "..."]:
     """1/n', the number by which a perspective warp bends; 0 is the uniform map.
 
     Raises:

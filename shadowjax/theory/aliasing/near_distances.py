@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from shadowjax._checked import checked
 from shadowjax._checks import require_choice, require_value
 from shadowjax._types import Array, ArrayLike, Float
-from shadowjax.theory.aliasing.light_frustum import LightFrustum, Section
+from shadowjax.theory.aliasing.light_frustum import LightFrustum, Section, VirtualNear
 
 Fade = Literal["sine", "squared"]
 
@@ -155,7 +155,7 @@ def near_distance_from_eta(frustum: LightFrustum, eta: ArrayLike) -> Float[Array
 
 
 @checked
-def eta_from_near_distance(frustum: LightFrustum, near_distance: Float[Array, "..."]) -> Float[Array, "..."]:
+def eta_from_near_distance(frustum: LightFrustum, near_distance: VirtualNear) -> Float[Array, "..."]:
     """Position η ∈ [−1, 1] of an n' in [n, ∞], from how much its M_z exceeds LiSPSM's.
 
     Source: warping, eq. 32 with the M_z of eq. 29, its differences of nearly equal errors taken out.

@@ -11,7 +11,7 @@ from shadowjax._checked import checked
 from shadowjax._numerics import safe_divide
 from shadowjax._types import Array, Bool, Float
 from shadowjax.theory.aliasing.error import error_x, error_z, max_error_x, max_error_z
-from shadowjax.theory.aliasing.light_frustum import LightFrustum
+from shadowjax.theory.aliasing.light_frustum import LightFrustum, VirtualNear
 
 Numbers = Float[Array, "..."]
 
@@ -63,7 +63,7 @@ def l_infinity(error: Numbers, valid: Bool[Array, "..."] | bool = True) -> Float
 
 
 @checked
-def overhead_s(frustum: LightFrustum, near_distance: Numbers, x: Numbers, depth: Numbers) -> Numbers:
+def overhead_s(frustum: LightFrustum, near_distance: VirtualNear, x: Numbers, depth: Numbers) -> Numbers:
     """s of a point on the plane of the view axis, with tan φ'_x = f·tan φ_x/f'.
 
     Source: warping, eq. 20 and 22; encloses the frustum for γ = π/2 and n' ≥ n only.
@@ -74,7 +74,7 @@ def overhead_s(frustum: LightFrustum, near_distance: Numbers, x: Numbers, depth:
 
 
 @checked
-def overhead_t(frustum: LightFrustum, near_distance: Numbers, depth: Numbers) -> Numbers:
+def overhead_t(frustum: LightFrustum, near_distance: VirtualNear, depth: Numbers) -> Numbers:
     """t of a depth: 0 at the near plane, 1 at the far plane.
 
     Source: warping, eq. 21–22.
@@ -84,7 +84,7 @@ def overhead_t(frustum: LightFrustum, near_distance: Numbers, depth: Numbers) ->
 
 
 @checked
-def overhead_ds_dx(frustum: LightFrustum, near_distance: Numbers, depth: Numbers) -> Numbers:
+def overhead_ds_dx(frustum: LightFrustum, near_distance: VirtualNear, depth: Numbers) -> Numbers:
     """Rate of s across the view, 1/world units.
 
     Source: warping, eq. 23.
@@ -94,7 +94,7 @@ def overhead_ds_dx(frustum: LightFrustum, near_distance: Numbers, depth: Numbers
 
 
 @checked
-def overhead_dt_dz(frustum: LightFrustum, near_distance: Numbers, depth: Numbers) -> Numbers:
+def overhead_dt_dz(frustum: LightFrustum, near_distance: VirtualNear, depth: Numbers) -> Numbers:
     """Rate of t along depth, 1/world units: a square, where the ideal is linear (eq. 46).
 
     Source: warping, eq. 24.
@@ -105,7 +105,7 @@ def overhead_dt_dz(frustum: LightFrustum, near_distance: Numbers, depth: Numbers
 
 @checked
 def overhead_error_x(
-    frustum: LightFrustum, near_distance: Numbers, depth: Numbers, resolution_ratio: Numbers | float = 1.0
+    frustum: LightFrustum, near_distance: VirtualNear, depth: Numbers, resolution_ratio: Numbers | float = 1.0
 ) -> Numbers:
     """m_x on the view axis with the light overhead.
 
@@ -117,7 +117,7 @@ def overhead_error_x(
 
 @checked
 def overhead_error_z(
-    frustum: LightFrustum, near_distance: Numbers, depth: Numbers, resolution_ratio: Numbers | float = 1.0
+    frustum: LightFrustum, near_distance: VirtualNear, depth: Numbers, resolution_ratio: Numbers | float = 1.0
 ) -> Numbers:
     """m_z on the view axis with the light overhead.
 
@@ -129,7 +129,9 @@ def overhead_error_z(
 
 
 @checked
-def overhead_max_x(frustum: LightFrustum, near_distance: Numbers, resolution_ratio: Numbers | float = 1.0) -> Numbers:
+def overhead_max_x(
+    frustum: LightFrustum, near_distance: VirtualNear, resolution_ratio: Numbers | float = 1.0
+) -> Numbers:
     """M_x with the light overhead, at the near plane, for n' ≥ n.
 
     Source: warping, eq. 28.
@@ -139,7 +141,9 @@ def overhead_max_x(frustum: LightFrustum, near_distance: Numbers, resolution_rat
 
 
 @checked
-def overhead_max_z(frustum: LightFrustum, near_distance: Numbers, resolution_ratio: Numbers | float = 1.0) -> Numbers:
+def overhead_max_z(
+    frustum: LightFrustum, near_distance: VirtualNear, resolution_ratio: Numbers | float = 1.0
+) -> Numbers:
     """M_z with the light overhead: at the far plane for n' ≤ n + √(fn), else at the near plane.
 
     Source: warping, eq. 29.
@@ -153,7 +157,7 @@ def overhead_max_z(frustum: LightFrustum, near_distance: Numbers, resolution_rat
 
 @checked
 def literal_error_z(
-    frustum: LightFrustum, near_distance: Numbers, depth: Numbers, resolution_ratio: Numbers | float = 1.0
+    frustum: LightFrustum, near_distance: VirtualNear, depth: Numbers, resolution_ratio: Numbers | float = 1.0
 ) -> Numbers:
     """m_z as the source writes it for any γ: `error_z`/sin γ, because it measures the texel along the view axis.
 
@@ -167,7 +171,7 @@ def literal_error_z(
 
 
 @checked
-def least_error_depth(frustum: LightFrustum, near_distance: Numbers) -> Numbers:
+def least_error_depth(frustum: LightFrustum, near_distance: VirtualNear) -> Numbers:
     """Depth on the view axis at which m_z is least; outside [n, f] unless its numerator lies in [n, f]·sin γ.
 
     For γ → 0 it tends to ∞, kept finite here. At the equalising n' it is √(fn) for every γ.

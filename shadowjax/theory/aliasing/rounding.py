@@ -4,7 +4,7 @@ import jax.numpy as jnp
 
 from shadowjax._checked import Checked, checked
 from shadowjax._types import Array, Float
-from shadowjax.theory.aliasing.light_frustum import LightFrustum, Section
+from shadowjax.theory.aliasing.light_frustum import LightFrustum, Section, VirtualNear
 
 TRIG = 4.0  # roundings of a sine, cosine or tangent, of which the libraries promise fewer
 
@@ -72,7 +72,7 @@ def larger(first: Running, second: Running) -> Running:
 
 @checked
 def rounding_bound(
-    frustum: LightFrustum, near_distance: Float[Array, "..."], objective: str, section: Section
+    frustum: LightFrustum, near_distance: VirtualNear, objective: str, section: Section
 ) -> Float[Array, "..."]:
     """Bound on the relative rounding error of M_z, S or max(M_x, M_z) of a frustum and an n', taken as they are given.
 

@@ -8,7 +8,7 @@ from shadowjax._checked import checked
 from shadowjax._checks import require_choice
 from shadowjax._types import Array, Float
 from shadowjax.theory.aliasing.error import error_x, error_z, max_error_x, max_error_z, storage_factor
-from shadowjax.theory.aliasing.light_frustum import LightFrustum, Section
+from shadowjax.theory.aliasing.light_frustum import LightFrustum, Section, VirtualNear
 from shadowjax.theory.aliasing.overhead import overhead_max_x, overhead_max_z
 
 Numbers = Float[Array, "..."]
@@ -16,7 +16,7 @@ Rule = Callable[[LightFrustum], Numbers]
 
 
 @checked
-def overhead_storage(frustum: LightFrustum, near_distance: Numbers) -> Numbers:
+def overhead_storage(frustum: LightFrustum, near_distance: VirtualNear) -> Numbers:
     """S with the light overhead: (f/n − 1)/(2·tan φ_y), for every n' from n to n + √(fn); larger beyond.
 
     Source: warping, eq. 31.
@@ -27,7 +27,7 @@ def overhead_storage(frustum: LightFrustum, near_distance: Numbers) -> Numbers:
 @checked
 def critical_resolution(
     frustum: LightFrustum,
-    near_distance: Numbers,
+    near_distance: VirtualNear,
     image_columns: Numbers | float,
     image_rows: Numbers | float,
     section: Section = "axis",
