@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Annotated, Any, Generic, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -12,8 +12,8 @@ import numpy as np
 import optimistix as optx
 
 from shadowjax import io
-from shadowjax._checked import Checked
-from shadowjax._checks import require, require_int
+from shadowjax._checked import Checked, checked
+from shadowjax._checks import MAY_BE_INFINITE, require, require_int
 from shadowjax._numerics import safe_divide
 from shadowjax._types import Array, ArrayLike, Bool, Float
 from shadowjax.partitions.cascades import Cascades
@@ -148,7 +148,13 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def with_slices(cuts: ArrayLike, near_distances: ArrayLike, resolution: int, options: dict[str, Any]) -> ShadowMapping:
+@checked
+def with_slices(
+    cuts: ArrayLike,
+    near_distances: Annotated[ArrayLike, MAY_BE_INFINITE],
+    resolution: int,
+    options: dict[str, Any],
+) -> ShadowMapping:
     """Maps between given planes with given n', hardly larger than what is seen, so that errors are those predicted.
 
     Args:
@@ -162,14 +168,16 @@ def with_slices(cuts: ArrayLike, near_distances: ArrayLike, resolution: int, opt
     return with_maps(resolution, options, partition=Cascades.at(cuts, near_distances, warp=warp))
 
 
+@checked
 def with_maps(resolution: int, options: dict[str, Any], **found: Any) -> ShadowMapping:
     """Shadow maps with what was found, unless the options say otherwise."""
     return ShadowMapping(**{"caster": default_caster(), **found, "resolution": resolution, **options})
 
 
-def ended(good: Any, otherwise: Any = optx.RESULTS.nonlinear_divergence) -> Any:
+@checked
+def ended(good: Bool[Array, "*views"], otherwise: Any = optx.RESULTS.nonlinear_divergence) -> Any:
     """`RESULTS.successful` where a search found what it was to find, else another end."""
-    return optx.RESULTS.where(jnp.asarray(good), optx.RESULTS.successful, otherwise)
+    return optx.RESULTS.where(good, optx.RESULTS.successful, otherwise)
 
 
 __all__ = ["Kind", "Solution", "ended", "with_maps", "with_slices"]

@@ -9,10 +9,12 @@ from pathlib import Path
 import pytest
 
 SUPPORT = Path(__file__).parents[1] / "support"
-# Arguments of any kind: trees of arrays, what a filter prepared, values that are compared or written as they are.
+# Arguments of any kind: trees of arrays, what a filter prepared or an optimiser found, values that are compared or
+# written as they are.
 ANYTHING = {
-    "content", "counterexample", "default", "expected", "options", "origin", "others", "pixels", "place", "planes",
-    "prepared", "spot", "tree", "value", "values", "vertices", "x", "y", "z",
+    "certificate", "content", "counterexample", "default", "expected", "options", "origin", "others", "otherwise",
+    "pixels", "place", "planes", "prepared", "problem", "result", "spot", "tree", "value", "values", "vertices", "x",
+    "y", "z",
 }  # fmt: skip
 
 

@@ -119,7 +119,13 @@ def bad_values(hint: Any, name: str) -> dict[str, Any] | None:
         bad["a word"] = "word"
     if hint is bytes:
         del bad["bytes"]
+    if _is_called(hint):
+        del bad["a class"]  # it can be called
     return {**bad, **_bad_by_kind(hint, name)}
+
+
+def _is_called(hint: Any) -> bool:
+    return hint is Callable or "Callable" in str(typing.get_origin(hint))
 
 
 def _bad_for_all(parts: tuple[Any, ...], name: str) -> dict[str, Any] | None:
@@ -162,8 +168,8 @@ def _bad_by_kind(hint: Any, name: str) -> dict[str, Any]:
         return {"number": 0.5, "other word": "no such choice"}
     if isinstance(origin, type) and (issubclass(origin, Mapping) or origin is type):
         return {"number": 0.5, "list": [0.5]}
-    if hint is Callable or "Callable" in str(origin):
-        return {"number": 0.5, "a class": 0.5, "list": [0.5]}
+    if _is_called(hint):
+        return {"number": 0.5, "list": [0.5]}
     if isinstance(origin, type):
         return {"number": 0.5}
     return {"number": 0.5, "itself": hint, "list": [0.5], "array": jnp.zeros(2), "truth": True}

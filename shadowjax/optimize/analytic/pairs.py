@@ -143,6 +143,7 @@ def solve(
     return Solution(value, storage, baselines, certificate, ended(jnp.isfinite(storage)), view, KIND)
 
 
+@checked
 @eqx.filter_jit
 def solve_all(
     view: LightFrustum, k: int, objective: str, warp: str, section: Section
