@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from shadowjax._checked import checked
 from shadowjax._checks import concrete, require, require_choice
 from shadowjax._numerics import dot, norm, normalize, rotate, safe_divide
-from shadowjax._types import Array, ArrayLike, Float, Scalar, Vector3, as_float_array
+from shadowjax._types import Array, Float, Scalar, Vector3, as_float_array
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.light_space import DirectionalSpace, LightSpace
@@ -89,7 +89,7 @@ def padded(points: Float[Array, "points 2"], margin: float = MARGIN) -> Float[Ar
     return middle + (points - middle) * (1 + 2 * margin)
 
 
-def _number(value: ArrayLike | None) -> Array | None:
+def _number(value: float | Scalar | None) -> Array | None:
     return None if value is None else as_float_array(value)
 
 
