@@ -244,6 +244,7 @@ def claims(result: Result) -> tuple[Claim, ...]:
     bare = [np.abs(np.exp(one.formula - one.bare) - 1).max() for one in found]
     lost = np.exp([one.here - one.measured.min() for one in found])
     worse = np.exp([np.median(one.measured) - one.here for one in found])
+    ended = sum(bool(one.search.converged) for one in found)
     held = sum(bool(one.search.certificate.at_bound.any()) for one in found)
     return (
         at_most("slope against central differences, relative", away, 1e-4),
@@ -263,7 +264,7 @@ def claims(result: Result) -> tuple[Claim, ...]:
         ),
         Claim(
             "every search says whether no way down is left", all(one.search.certificate.reason for one in found),
-            f"{sum(one.search.converged for one in found)} of {len(found)} have converged, {held} on a bound; largest "
+            f"{ended} of {len(found)} have converged, {held} on a bound; largest "
             f"free slope {max(one.search.certificate.slope for one in found):.2g}", "a reason each",
         ),
         at_most("formula against measured texels on the bare ground, relative", bare, 1e-6),

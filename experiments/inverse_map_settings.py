@@ -197,6 +197,7 @@ def claims(result: Result) -> tuple[Claim, ...]:
     away = [np.abs(a - b).max() / np.abs(b).max() for a, b in (one.slopes for one in found)]
     starts = sum(len(one.search.certificate.losses) for one in found)
     reached = sum(one.search.certificate.reached(NEARLY) for one in found)
+    ended = sum(bool(one.search.converged) for one in found)
     return (
         at_most("slope against central differences, relative", away, 1e-2),
         at_most("softened against measured errors, relative", off, 0.12),
@@ -218,7 +219,7 @@ def claims(result: Result) -> tuple[Claim, ...]:
         all_true("no setting on a grid is better", [one.tried >= 0.999 * one.softened[JOINT] for one in found], "suns"),
         Claim(
             "every search says why it ended", all(reason for one in found for reason in one.search.certificate.reasons),
-            f"{sum(one.search.converged for one in found)} of {len(found)} have converged, the others end on a kink",
+            f"{ended} of {len(found)} have converged, the others end on a kink",
             "a reason each",
         ),
     )  # fmt: skip

@@ -192,7 +192,7 @@ def claims(result: Result) -> tuple[Claim, ...]:
         all_true("every loss and gradient is finite", [end.certificate.finite for end in ends], "descents"),
         Claim(
             "every descent says whether it has settled", all(end.certificate.reason for end in ends),
-            f"{sum(end.converged for end in ends)} of {len(ends)} have", "a reason each",
+            f"{sum(bool(end.converged) for end in ends)} of {len(ends)} have", "a reason each",
         ),
     )  # fmt: skip
 
