@@ -35,7 +35,7 @@ PATHS = [
     "x" * 300 + ".png", "", "a\nb\x1b[2J.png", "picture.jpg", "/dev/null", "/dev/full", "/dev/stdout", "circle",
     "locked/new.png", ".", "..",
 ]  # fmt: skip
-TECHNIQUES = ["hard", "pcf-3x3", "exact", "vsm", "2sm-max", "preset:three-js"]
+TECHNIQUES = ["hard", "pcf-3x3", "exact", "vsm", "2sm-max", "preset:three-js", "z2+lispsm+3sm+pcf-2x2", "own=faces"]
 SCENES = ["plate-over-plane", "two-plates", "sphere-over-plane", "cubes", "good.obj", "a\x1b[31m [red]$x$<b>.obj"]
 WRONG = ["", "-", "--", "nonsense", "[/red]", "\x1b[31m", "\udcff", "-1", "1e400", "x" * 5000, "None", "汉", "0"]
 WEIGHTS = {"render": 9, "report": 1, "optimize bias": 1, "optimize exponent": 1, "optimize taps": 1}  # 3 by default
@@ -98,7 +98,7 @@ def _options(chance: random.Random, command: type, wrong: float) -> list[str]:
         must = item.name in ("output", "scene", "out")
         if not must and chance.random() > 0.2:
             continue
-        flag = [] if item.name in ("scene", "name") else ["--" + item.name.replace("_", "-")]
+        flag = [] if item.name in ("scene", "name", "names") else ["--" + item.name.replace("_", "-")]
         if hint is bool:
             words.append(chance.choice([flag[0], flag[0].replace("--", "--no-", 1)]))
         else:
@@ -115,7 +115,7 @@ def _value(chance: random.Random, name: str, hint: typing.Any, limits: typing.An
         return [chance.choice([*FILES, "missing.toml"] if bad else ["good.toml", "sizes.toml"])]
     if name == "scene":
         return [chance.choice([*FILES, "folder.obj", "missing.obj", "cubez", "/dev/null", *WRONG] if bad else SCENES)]
-    if name in ("technique", "techniques", "caster", "name", "only", "equations", "scenes", "test_scenes"):
+    if name in ("technique", "techniques", "names", "caster", "name", "only", "equations", "scenes", "test_scenes"):
         usual = {"caster": ["brute", "grid", "bvh"], "name": ["filament", "bevy"], "only": ["asm"]}.get(
             name, TECHNIQUES
         )
