@@ -115,11 +115,27 @@ def _value(chance: random.Random, name: str, hint: typing.Any, limits: typing.An
         return [chance.choice([*FILES, "missing.toml"] if bad else ["good.toml", "sizes.toml"])]
     if name == "scene":
         return [chance.choice([*FILES, "folder.obj", "missing.obj", "cubez", "/dev/null", *WRONG] if bad else SCENES)]
-    if name in ("technique", "techniques", "names", "caster", "name", "only", "equations", "scenes", "test_scenes"):
+    if name in (
+        "technique",
+        "techniques",
+        "names",
+        "objective",
+        "caster",
+        "name",
+        "only",
+        "equations",
+        "scenes",
+        "test_scenes",
+    ):
         usual = {"caster": ["brute", "grid", "bvh"], "name": ["filament", "bevy"], "only": ["asm"]}.get(
             name, TECHNIQUES
         )
-        usual = {"equations": ["none", "asm"], "scenes": SCENES, "test_scenes": ["comb", "solids"]}.get(name, usual)
+        usual = {
+            "objective": ["z", "max", "light"],
+            "equations": ["none", "asm"],
+            "scenes": SCENES,
+            "test_scenes": ["comb", "solids"],
+        }.get(name, usual)
         return [chance.choice(WRONG if bad else usual)]
     choices = [one for one in typing.get_args(hint) if isinstance(one, str)]
     if choices:
