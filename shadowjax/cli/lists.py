@@ -2,6 +2,7 @@
 
 import importlib
 import sys
+import textwrap
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,9 @@ def techniques(chosen: options.Techniques) -> int:
     say("A name joins tokens by +, at most one of each kind, in any order, such as")
     say("z4+minimax+evsm4. What is left out is single, uniform and hard. Whole")
     say("techniques, and presets as preset:NAME, stand alone. Numbers of names:")
-    say("; ".join(f"{key} {low} to {high}" for key, (low, high) in families().items()))
+    numbers = "; ".join(f"{key} {low} to {high}" for key, (low, high) in families().items())
+    for line in textwrap.wrap(numbers, 76, break_on_hyphens=False):
+        say(line)
     return 0
 
 

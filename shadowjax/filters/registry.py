@@ -1,5 +1,6 @@
 """The registries of filters, and of policies for the extra depths of a texel, by name with their default settings."""
 
+from shadowjax._checked import checked
 from shadowjax._checks import require
 from shadowjax._registry import Entry, Registry
 from shadowjax.filters.base import Filter
@@ -44,6 +45,7 @@ POLICIES: Registry[DepthPolicy] = Registry("depths", {
 })  # fmt: skip
 
 
+@checked
 def over_depths(policy: DepthPolicy, filter_: Filter) -> Filter:
     """A filter that counts depth tests, reading several depths a texel in place of one.
 

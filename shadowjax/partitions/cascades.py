@@ -7,6 +7,7 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from shadowjax._checks import require, require_choice, require_int, require_value
 from shadowjax._types import Array, ArrayLike, Float, Int, Points, Scalar, as_float_array
@@ -119,8 +120,11 @@ class Cascades(Partition):
         if self.rule == "first":
             require(self.first is not None, "the rule 'first' needs the first cut, world units, as first")
         if self.near_distances is not None:
-            given = jnp.shape(self.near_distances)
-            require(given == (self.num_partitions,), f"{self.num_partitions} slices need as many n'; got shape {given}")
+            given = np.shape(self.near_distances)
+            require(
+                given == (self.num_partitions,),
+                f"near_distances must hold one n' for each of {self.num_partitions} slices; got shape {given}",
+            )
             require(
                 isinstance(self.warp, PerspectiveFit),
                 f"near_distances need the warp PerspectiveFit(); got {type(self.warp).__name__}",
@@ -150,7 +154,7 @@ class Cascades(Partition):
         given = None
         if near_distances is not None:
             given = as_float_array(near_distances)
-            given = require_value(given, given > 0, "every n' must be positive")
+            given = require_value(given, given > 0, "near_distances must be positive")
         return cls(planes.shape[0] - 1, cuts=planes, near_distances=given, **options)
 
     def planes(self, mesh: Mesh, light: Light, camera: Camera) -> Splits:

@@ -138,6 +138,7 @@ def test_every_function_has_a_case():
     assert set(CASES) == set(F.__all__)
 
 
+@pytest.mark.parametrize("dtype", [jnp.float64, pytest.param(jnp.float32, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", F.__all__)
 def test_jit_vmap_and_grad(name, dtype):
     call, given, smooth = CASES[name]

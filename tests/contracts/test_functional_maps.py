@@ -37,6 +37,11 @@ def made():
     return mesh, light, camera, box, (surface.points[seen], surface.normals[seen])
 
 
+def short(names):
+    """The first three in every run, the others among the long tests."""
+    return [*list(names)[:3], *(pytest.param(name, marks=pytest.mark.long) for name in list(names)[3:])]
+
+
 def shadows_of(made, filter_):
     mesh, light, camera, _, _ = made
     return sj.ShadowMapping(filter_, SIZE, caster=sj.rays.default_caster()).build(mesh, light, camera)
@@ -67,7 +72,7 @@ FILTERS = {
 }
 
 
-@pytest.mark.parametrize("name", FILTERS)
+@pytest.mark.parametrize("name", short(FILTERS))
 def test_counted_tests_are_those_of_the_object(made, name):
     filter_, options = FILTERS[name]
     options = dict(options)
@@ -110,7 +115,7 @@ CODES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", CODES)
+@pytest.mark.parametrize("name", short(CODES))
 def test_encoded_filters_are_those_of_the_object(made, name):
     filter_, encode, decode = CODES[name]
     shadows = shadows_of(made, filter_)

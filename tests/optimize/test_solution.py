@@ -16,7 +16,7 @@ VIEW = (1.0, 40.0, 0.5, 1.0)
 JOINED = {"z": lambda x, z: z, "storage": lambda x, z: x * z, "both": np.maximum}
 
 
-@pytest.mark.parametrize("section", ["axis", "whole"])
+@pytest.mark.parametrize("section", ["axis", pytest.param("whole", marks=pytest.mark.long)])
 @pytest.mark.parametrize("objective", JOINED)
 def test_beams_measure_the_objective_of_a_near_distance(objective, section):
     found = sj.optimize.near_distance(*VIEW, section, objective)
@@ -109,8 +109,8 @@ def test_a_solution_is_a_pytree_that_is_indexed_batched_and_written(tmp_path):
         (lambda: sj.PerspectiveFit(bend=1.0), r"must lie in \[0, 1\)"),
         (lambda: sj.PerspectiveFit(near_distance=1.0, bend=0.5), "give one of them"),
         (lambda: sj.PerspectiveFit(margin=-0.1), "margin"),
-        (lambda: sj.Cascades.at([1.0, 2.0, 4.0], [1.0]), "2 slices need as many n'"),
-        (lambda: sj.Cascades.at([1.0, 2.0], [-1.0]), "every n' must be positive"),
+        (lambda: sj.Cascades.at([1.0, 2.0, 4.0], [1.0]), "near_distances must hold one n' for each of 2 slices"),
+        (lambda: sj.Cascades.at([1.0, 2.0], [-1.0]), "near_distances must be positive"),
         (lambda: sj.Cascades.at([1.0, 2.0], [1.0], warp=sj.UniformFit()), "need the warp PerspectiveFit"),
     ],
 )

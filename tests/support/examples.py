@@ -28,6 +28,7 @@ def parts() -> dict[str, Any]:
     surface = sj.trace_surface(mesh, camera, 4, 3, sj.BruteForceCaster())
     shadows = sj.ShadowMapping(resolution=8).build(mesh, light, camera)
     return {
+        "scene": sj.Scene(mesh, camera, (light,), "triangles", "two triangles"),
         "mesh": mesh, "camera": camera, "light": light, "grid": grid, "map": map_, "points": points,
         "normals": normals, "surface": surface, "shadows": shadows, "edges": sj.mesh_edges(mesh),
         "rays": sj.Rays.create(points + jnp.asarray([0.0, 1.0, 0.0]), (0.0, -1.0, 0.0)),
@@ -151,6 +152,19 @@ def examples(folder: Path) -> dict[str, tuple[Callable[..., Any], Mapping[str, A
         "build_shadow_map": {"caster": sj.BruteForceCaster(), "mesh": p["mesh"], "grid": p["grid"], "layer": "first"},
         "camera_grid": {"camera": p["camera"], "width": 4, "height": 3},
         "astype": {"tree": p["mesh"], "dtype": jnp.float32},
+        "compare": {"scene": p["scene"], "techniques": ("hard",), "width": 4, "height": 3, "resolution": 8},
+        "load_scene": {
+            "source": str(folder / "triangle.obj"), "up": "y", "ground": True, "light": p["light"],
+            "light_direction": None, "camera": p["camera"], "num_triangles": None,
+        },
+        "measure": {
+            "scene": p["scene"], "techniques": ("hard",), "width": 4, "height": 3, "resolution": 8,
+            "samples_per_axis": 1, "caster": None, "repeats": 1, "progress": None, "view": None,
+        },
+        "render": {
+            "scene": p["scene"], "technique": "hard", "width": 4, "height": 3, "resolution": 8, "samples_per_axis": 1,
+            "caster": None, "material": None, "progress": None,
+        },
         "coverage_depth": {
             "mesh": p["mesh"], "edges": p["edges"], "grid": p["grid"], "caster": sj.BruteForceCaster(), "max_pairs": 64,
         },

@@ -18,7 +18,7 @@ import shadowjax as sj
 SLOW = (
     "AdaptiveShadowMapping().build", "ShadowVolumes().build", "coverage_depth", "coverage_planes", "shade",
     "shadow_picture", "shadows.visibility", "trace_surface", "visibility_on", "build_shadow_map", "intersect",
-    "Exact().build", "ShadowMapping().build", "make_scene", "mesh_edges",
+    "Exact().build", "ShadowMapping().build", "make_scene", "mesh_edges", "compare", "measure", "render", "load_scene",
 )  # fmt: skip
 # Any tree can be given a dtype; a class that cannot be called with a depth is a function all the same.
 GOOD_AFTER_ALL = {("astype", "tree"), ("coverage_planes", "encode")}
