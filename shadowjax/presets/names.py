@@ -24,8 +24,8 @@ def make_technique(name: str, resolution: int = 512, caster: Caster | None = Non
 
     Args:
         name: Tokens of partition, warp, depths, filter and option joined by `+`, in any order, such as
-            "z4+minimax+evsm4" or "2sm-max+pcf-3x3"; or one of "exact", "shadow-volumes" and "preset:NAME". `shadowjax
-            techniques` lists the tokens and `shadowjax presets` the presets.
+            "z4+minimax+evsm4" or "2sm-max+pcf-3x3"; or one of "exact", "shadow-volumes" and "preset:NAME".
+            `shadowjax techniques` lists the tokens and `shadowjax presets` the presets.
         resolution: Texels along each side of a map, ≥ 1.
         caster: Traces all rays; the fastest if None.
         options: Further fields of `ShadowMapping` (bias, …), `ShadowVolumes` (method, casters, stencil) or
