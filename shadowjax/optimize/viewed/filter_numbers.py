@@ -196,7 +196,7 @@ def exponent(
     tests = [number(mean_error(test_views, chosen.make(v, blur))) if test_views else None for v in (best, start)]
     named = lambda values: {name: number(v) for name, v in zip(names, values, strict=True)}  # noqa: E731
     certificate = FilterCertificate(family, named(start), ends, tests[0], tests[1], tuple(tried.items()))
-    result = ended(scale <= 1 / 16, optx.RESULTS.nonlinear_max_steps_reached)
+    result = ended(jnp.asarray(scale <= 1 / 16), optx.RESULTS.nonlinear_max_steps_reached)
     default = {"default": number(tried[start])}
     return Solution(named(best), number(lowest), default, certificate, result, chosen.make(best, blur), KIND)
 
