@@ -17,8 +17,13 @@ from shadowjax.geometry.transforms import any_perpendicular, view_frame
 from shadowjax.volumes.jitter import disc
 
 ROOT = Path(sj.__file__).parent
-KINDS = {name for module in (light, light_space) for name, value in vars(module).items()
-         if isinstance(value, type) and value.__module__ == module.__name__ and name not in ("Light", "LightSpace")}  # fmt: skip
+BASES = {"Light", "LightSpace"}  # of anything it may be asked whether it is a light at all
+KINDS = {
+    name
+    for module in (light, light_space)
+    for name, value in vars(module).items()
+    if isinstance(value, type) and value.__module__ == module.__name__ and name not in BASES
+}
 
 
 def test_nothing_asks_for_the_class_of_a_light_or_a_space():
