@@ -47,7 +47,13 @@ def test_a_mesh_about_a_near_origin_is_silent():
         trace_surface(mesh, near.camera, 40, 30, GridCaster())
 
 
-@pytest.mark.parametrize("name", SCENES)
+# The widest and the smallest scenes in every run, the others among the long tests.
+OFTEN = ("terrain", "cad-assembly", "two-plates")
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in OFTEN else pytest.param(name, marks=pytest.mark.long) for name in SCENES]
+)
 def test_built_in_scenes_are_silent_in_full_resolution(name):
     scene = make_scene(name)
     points = scene.mesh.vertices
