@@ -74,9 +74,17 @@ class LightSpace(Checked):
         """
         raise ValueError(f"{what} a directional light; got the rays of a {type(self).__name__}")
 
-    def as_perspective(self, what: str) -> "PerspectiveSpace":
-        """The same space, where only straight rays through one point will do; see `as_directional`."""
-        raise ValueError(f"{what}; got {type(self).__name__}")
+    def as_perspective(self, what: str, instead: str = "") -> "PerspectiveSpace":
+        """The same space, where only straight rays through one point will do; see `as_directional`.
+
+        Args:
+            what: Begins the message of the error: what is needed.
+            instead: Ends it with the remedy.
+
+        Raises:
+            ValueError: If the rays are parallel, or fill a sphere.
+        """
+        raise ValueError(f"{what}; got {type(self).__name__}{instead}")
 
     def counted_from(self, point: Vector3) -> "LightSpace":
         """The same rays with positions and depths counted from a point, where rays have no start of their own."""
@@ -234,9 +242,9 @@ class PerspectiveSpace(LightSpace):
         """The frame itself."""
         return self.frame
 
-    def as_perspective(self, what: str) -> "PerspectiveSpace":
+    def as_perspective(self, what: str, instead: str = "") -> "PerspectiveSpace":
         """Itself."""
-        del what
+        del what, instead
         return self
 
     def is_reached(self, plane: PlanePoints) -> Bool[Array, "*points"]:

@@ -209,7 +209,7 @@ def spot_strength(
     Raises:
         ValueError: If the space is not that of a spot light.
     """
-    space = space.as_perspective("perspective warps need a directional or a spot light (for others use UniformFit)")
+    space = space.as_perspective("perspective warps need a directional or a spot light", ": use UniformFit")
     seen = receiver_outline(space, light, mesh, camera)
     points = seen.plane
     near, far = camera.near, camera.far
