@@ -1,5 +1,6 @@
 """What of a mesh lies on the rays of a map, and the grid of rays that starts and ends just outside that."""
 
+import jax
 import jax.numpy as jnp
 
 from shadowjax._checked import checked
@@ -38,7 +39,9 @@ def seen_space(light: Light, mesh: Mesh, camera: Camera) -> LightSpace:
         camera: The view.
     """
     lower, upper = mesh.bounds()
-    return light.space(camera.forward, lower, upper).counted_from(jnp.clip(camera.position, lower, upper))
+    # Where places are counted from decides roundings alone: the rays do not move with it, so it has no derivative.
+    start = jax.lax.stop_gradient(jnp.clip(camera.position, lower, upper))
+    return light.space(camera.forward, lower, upper).counted_from(start)
 
 
 @checked
