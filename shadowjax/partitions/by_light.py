@@ -54,7 +54,7 @@ class ByLight(Partition):
         Raises:
             ValueError: Always.
         """
-        raise ValueError("a partition by light must be placed first: partition.placed(mesh, light, camera)")
+        raise ValueError("a partition by light must be fitted first: partition.fit(mesh, light, camera)")
 
 
 __all__ = ["ByLight"]

@@ -270,7 +270,7 @@ class Cascades(Partition):
         return tuple(share * kept for share in shares)
 
     def _placed_planes(self) -> Splits:
-        require(self.cuts is not None, "slices chosen by depth must be placed first: partition.placed(scene …)")
+        require(self.cuts is not None, "slices chosen by depth must be fitted first, by partition.fit(…)")
         assert self.cuts is not None
         return self.cuts
 

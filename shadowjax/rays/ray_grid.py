@@ -18,7 +18,7 @@ from shadowjax.rays.ray import Rays
 
 # How far the depths that a map and a receiver have on one plane differ at most, in roundings of the receiver's place
 # along its normal and of its offset from where depths are counted.
-RECEIVER_ROUNDINGS = 4.0
+PLANE_ROUNDINGS = 4.0
 # Planes that the light grazes at less than a degree are forgiven no more than at a degree.
 LEAST_COSINE = math.sin(math.pi / 180)
 
@@ -66,7 +66,7 @@ class RayGrid(Checked):
         offset = points - self.space.source
         along = _sum(jnp.abs(points * normals))
         cosine = jnp.maximum(jnp.abs(dot(normals, self.space.to_source(points))), LEAST_COSINE)
-        return RECEIVER_ROUNDINGS * jnp.finfo(self.far.dtype).eps * (along + _sum(jnp.abs(offset))) / cosine
+        return PLANE_ROUNDINGS * jnp.finfo(self.far.dtype).eps * (along + _sum(jnp.abs(offset))) / cosine
 
     def centres(self) -> Float[Array, "rows cols 2"]:
         """(s, t) of every cell's centre, (i + ½)/resolution."""

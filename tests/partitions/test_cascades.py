@@ -115,7 +115,7 @@ def test_cuts_can_be_given_and_bad_ones_are_named():
         (lambda: Cascades(blend=1.5), "blend"),
         (lambda: Cascades(choose="near"), "choose must"),
         (lambda: Cascades(num_rows=0), "rows"),
-        (lambda: Cascades(choose="depth").select((), CAMERA, along_the_axis([3.0])), "must be placed first"),
+        (lambda: Cascades(choose="depth").select((), CAMERA, along_the_axis([3.0])), "must be fitted first"),
     ):
         with pytest.raises(ValueError, match=message):
             call()
