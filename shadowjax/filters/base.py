@@ -115,7 +115,7 @@ class Filter(Checked):
 
     @property
     def supports_coverage(self) -> bool:
-        """Whether the filter averages its codes over the area of texels that outlines cross (`ShadowMap.outlines`)."""
+        """Whether the filter averages its values over the area of texels that outlines cross (`ShadowMap.outlines`)."""
         return False
 
     def for_coverage(self) -> "Filter":

@@ -45,6 +45,7 @@ class Supersampled(Filter):
 
     def visibility(self, planes: Samples, lookup: Lookup) -> Float[Array, "*points"]:
         """Share of the four samples that are lit."""
+        # Positions count cast cells, of which a texel has two along each axis.
         position = lookup.position / self.cast_factor
         col, row = texel_index(position[..., 0]), texel_index(position[..., 1])
         stored = read_texels(planes, col, row, lookup.border)

@@ -45,6 +45,7 @@ def basis_bytes(num_terms: int, num_rows: int, num_cols: int, bytes_per_value: i
 @checked
 def odd_waves(depth: Float[Array, "*shape"], num_terms: int) -> list[tuple[Array, Array]]:
     """(cos c_k z, sin c_k z) for k = 1 … M: two evaluations, then one rotation by 2πz for each term."""
+    # c_{k+1} = c_k + 2π, so each term is the last one turned by 2πz, whose cosine and sine follow from those of πz.
     cosine, sine = jnp.cos(math.pi * depth), jnp.sin(math.pi * depth)
     turn_cosine, turn_sine = 1 - 2 * sine * sine, 2 * sine * cosine
     waves = [(cosine, sine)]
@@ -81,6 +82,8 @@ def fourier_visibility(bases: Values, depth: Numbers, damping: float = 0.0) -> N
     gains = 2 * damping_weights(num_terms, damping) / frequencies(num_terms)
     total = jnp.full_like(depth, 0.5)
     for k, (cosine, sine) in enumerate(odd_waves(depth, num_terms)):
+        # sin c(z − d) = sin cz·cos cd − cos cz·sin cd: the bases hold z, which may be averaged, the waves the
+        # receiver's d.
         total = total + float(gains[k]) * (cosine * bases[2 * k] - sine * bases[2 * k + 1])
     return total
 

@@ -66,6 +66,8 @@ def blur_exponents(exponents: Float[Array, "more_rows more_cols"], weights: Weig
     """
     kernel_radius(len(weights))
     weights = known_weights(weights)
+    # Separable: ln Σ w·eˣ along columns, then of these along rows. With the largest exponent taken out no term
+    # overflows and at least one is 1, so the logarithm is finite.
     for axis in (1, 0):
         length = exponents.shape[axis] - len(weights) + 1
         parts = [jax.lax.slice_in_dim(exponents, i, i + length, axis=axis) for i in range(len(weights))]
@@ -120,6 +122,7 @@ def decode_exponential(values: Values, depth: Numbers, exponent: ScalarLike = 80
 
 def _limited_test(log_mean: Array, depth: Array, exponent: ScalarLike) -> Array:
     """E[e^(c(z−d))], exact up to e^`VIOLATION_LIMIT`: the product may overflow where a factor does not."""
+    # The product e^(−cd)·E[e^(cz)] as one exponential of a difference.
     return jnp.exp(jnp.minimum(log_mean - exponent * depth, VIOLATION_LIMIT))
 
 

@@ -40,6 +40,7 @@ def warped_moments(
     """
     warped = warp_depth(depth, exponent)
     across, down = surface_slopes(depth, slope_limit)
+    # M₂ = w² + footprint·(w_x² + w_y²) with w_x = 2c·w·z_x, so w² can be taken out.
     spread = footprint * (2 * exponent) ** 2 * (across * across + down * down)
     return jnp.stack([warped, warped * warped * (1 + spread)])
 

@@ -19,7 +19,7 @@ def is_lit(
     Args:
         stored_depth: Depth in the map, world units.
         receiver_depth: Receiver's distance along the light ray, world units.
-        bias: Depth forgiven, world units.
+        bias: Depth tolerance, world units.
 
     Source: filtering, eq. 2.1 (lit iff d ≤ z); mdsm, section 4.4 (1-TS).
     """
@@ -39,7 +39,7 @@ def composite_test(
     Args:
         planes_at_texel: The n depths of the texel that each receiver reads, world units.
         depth: Receiver's distance along the light ray, world units.
-        bias: Depth forgiven, world units.
+        bias: Depth tolerance, world units.
 
     Returns:
         Visibility in {0, 1/n, …, 1}, without gradient.

@@ -21,6 +21,7 @@ def block_minimum(depth: Depth, size: int) -> Depth:
         size: Texels along a side of a block, ≥ 1.
     """
     rows, cols = depth.shape
+    # −rows % size texels repeat the edge, so that blocks cut at the edge keep their own minimum.
     padded = jnp.pad(depth, ((0, -rows % size), (0, -cols % size)), mode="edge")
     blocks = padded.reshape(padded.shape[0] // size, size, padded.shape[1] // size, size)
     smallest = jnp.min(blocks, axis=(1, 3))

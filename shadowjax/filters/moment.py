@@ -82,6 +82,7 @@ def hausdorff_visibility(moments: Values, depth: Numbers) -> Numbers:
     central = _Central.of(moments)
     t = depth - central.mean
     partners = central.partners(t)
+    # |mean + above/below| ≤ 1, multiplied out: a partner at infinity has below = 0.
     inside = jnp.ones_like(t, bool)
     for point in partners:
         inside &= jnp.abs(point.above + central.mean * point.below) <= point.below
@@ -163,6 +164,7 @@ class _Central(Checked):
         """Weight 1/K(x, x) of a point of the attaining distribution, in [0, 1]; it falls to 0 towards infinity."""
         up, down = point
         square = down * down
+        # K(x, x) = 1 + x²/m₂ + p₂(x)²/h₂ times below⁴, so a point at infinity needs no division.
         second = up * up - self.skew * up * down - self.variance * square
         whole = square * square
         return whole / (whole + up * up * square / self.variance + second * second / self.rest)
@@ -180,6 +182,7 @@ class _Central(Checked):
 
     def partners(self, t: Numbers) -> tuple[_Point, _Point]:
         """The other two points: roots of K(x, t) in x. One runs to infinity where p₂(t) is 0."""
+        # m₂·h₂·K(x, t) as a quadratic in x; its leading term has the factor p₂(t).
         second = t * t - self.skew * t - self.variance
         a = second * self.variance
         b = t * self.rest - second * self.skew * self.variance
@@ -205,6 +208,7 @@ def _shadow_of_four_points(moments: Values, t: Numbers) -> Numbers:
     def weight(at: Numbers, others: tuple[Numbers, Numbers, Numbers]) -> Numbers:
         """E of the cubic that is 1 at `at` and 0 at the others."""
         p, q, r = others
+        # ∏(x − others) expanded in powers of x, whose expectations are the moments.
         value = b3 - (p + q + r) * b2 + (p * q + q * r + r * p) * b1 - p * q * r
         return safe_divide(value, (at - p) * (at - q) * (at - r))
 

@@ -33,6 +33,7 @@ def _extreme(depth: Depth, size: int, include_centre: bool, choose) -> Depth:
     require_int(size, "neighbourhood size", 2)
     low, high = -((size - 1) // 2), size // 2
     if include_centre:
+        # Extremes are separable: along columns first, then of these along rows.
         across = depth
         for offset in range(low, high + 1):
             across = choose(across, shifted(depth, 0, offset))
@@ -40,6 +41,7 @@ def _extreme(depth: Depth, size: int, include_centre: bool, choose) -> Depth:
         for offset in range(low, high + 1):
             result = choose(result, shifted(across, offset, 0))
         return result
+    # Without the centre they are not: every neighbour in turn.
     cells = [(r, c) for r in range(low, high + 1) for c in range(low, high + 1) if (r, c) != (0, 0)]
     result = shifted(depth, *cells[0])
     for cell in cells[1:]:
@@ -105,6 +107,7 @@ def ring_offsets(num_depths: int, radius: int = 1) -> tuple[tuple[int, int], ...
     ring = _ring_cells(radius)
 
     def turned(by: int) -> tuple[tuple[int, int], ...]:
+        # Whole cells nearest below even spacing; ties between turns go to the first.
         return tuple(ring[(by + i * num_cells // num_samples) % num_cells] for i in range(num_samples))
 
     return min((turned(by) for by in range(num_cells)), key=_imbalance)
@@ -182,7 +185,7 @@ class DepthPolicy(Checked):
 
 
 def _beside(offsets: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], float]:
-    """Mean of some offsets and the largest distance from it along an axis."""
+    """Mean of offsets, and the largest distance from it along an axis."""
     rows, cols = zip(*offsets, strict=True)
     middle = sum(rows) / len(rows), sum(cols) / len(cols)
     return middle, max(max(abs(row - middle[0]), abs(col - middle[1])) for row, col in offsets)

@@ -44,7 +44,7 @@ def percentage_closer(
         position: (x, y) of receivers in texels, centres at +½.
         depth: Receivers' distances along the light ray, world units.
         kernel_size: K, taps along an axis, ≥ 1; odd or even.
-        bias: Depth forgiven, world units.
+        bias: Depth tolerance, world units.
         border: What lies outside the map: "lit", "clamp" (the edge goes on) or "octahedral".
         taps: "nearest" reads one texel a tap; "bilinear" mixes the test results of the four around it, as hardware
             does, and is continuous in the receiver's position.
@@ -71,6 +71,7 @@ def percentage_closer(
         moved = position + jnp.asarray(shift, position.dtype) if shift != (0.0, 0.0) else position
         count = _bilinear_count(planes, moved, receivers, kernel_size, bias, border)
     else:
+        # K taps spread over the width: width/K from one to the next, in texels of the receiver's place.
         spacing = 1.0 if width_world is None else width_world / (kernel_size * texel_size)
         count = _nearest_count(planes, receivers, kernel_size, bias, border, spacing, shift)
     # Counting in whole numbers and dividing once keeps "all lit" exactly 1 (adding 1/18 eighteen times does not).

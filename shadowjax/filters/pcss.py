@@ -43,6 +43,7 @@ def mean_blocker_depth(
 
     zeros = jnp.zeros_like(lookup.depth)
     total, count = _over_taps(planes, lookup, num_taps, spacing, step, (zeros, zeros))
+    # Without blockers 0/0 must not reach the gradient: the count is replaced before the division.
     none = count == 0
     return jnp.where(none, lookup.depth, total / jnp.where(none, jnp.ones_like(count), count)), count
 
@@ -135,6 +136,7 @@ class ContactHardening(Filter):
 
     def visibility(self, planes: SoftMap, lookup: Lookup) -> Numbers:
         """Fraction of taps that are lit; 1 where the search finds no blocker."""
+        # No blocker is nearer to the light than the map's nearest depth, so no penumbra is wider than its.
         search = self._width(lookup, jnp.minimum(planes.nearest, lookup.depth))
         blocker, count = mean_blocker_depth(planes.depth, lookup, self.num_search_taps, search / self.num_search_taps)
         width = self._width(lookup, blocker)

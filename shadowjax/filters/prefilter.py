@@ -73,9 +73,11 @@ class Prefilter(Checked):
     def _read_footprint(self, prepared: Any, lookup: Lookup, border: str) -> list[Float[Array, "*points"]]:
         footprint = lookup.footprint
         if footprint is None:
+            # Without a known image a pixel is taken to be a texel wide.
             one = jnp.eye(2, dtype=lookup.position.dtype)
             footprint = jnp.broadcast_to(one, (*lookup.position.shape[:-1], 2, 2))
         if self.sampling == "summed-area":
+            # Sides of the box around the pixel's parallelogram, at least a texel.
             size = jnp.maximum(jnp.sum(jnp.abs(footprint), axis=-1), 1.0)
             return read_box_mean(prepared, lookup.position, size)
         if self.sampling == "trilinear":

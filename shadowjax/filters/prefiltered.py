@@ -38,7 +38,7 @@ class EncodedMap(Checked):
 
 
 class _OfList(Checked):
-    """A filter's codes of a list of depths, world units."""
+    """A filter's encoded values of a list of depths, world units."""
 
     filter: "Prefiltered"
     range: DepthRange
@@ -48,10 +48,10 @@ class _OfList(Checked):
 
 
 class Prefiltered(Filter):
-    """Encodes depths of [0, 1], averages the codes, decodes visibility: averages of codes have a meaning.
+    """Encodes depth in [0, 1] as linearly filterable values (moments, basis values), averages them, decodes visibility.
 
     Attributes:
-        prefilter: How codes are averaged.
+        prefilter: How the values are averaged.
     """
 
     prefilter: eqx.AbstractVar[Prefilter]
@@ -68,7 +68,7 @@ class Prefiltered(Filter):
         """Complain about parameters that the map's dtype cannot hold."""
 
     def prepare(self, depth: Depth, far: Float[Array, ""] | None = None, border: str = "lit") -> EncodedMap:
-        """The averaged codes of a map.
+        """The averaged values of a map.
 
         Args:
             depth: Distances along the light's rays, world units, finite.
@@ -76,12 +76,12 @@ class Prefiltered(Filter):
             border: What lies outside the map, for the blur.
 
         Raises:
-            ValueError: If a depth is NaN or infinite, or the dtype cannot hold the codes.
+            ValueError: If a depth is NaN or infinite, or the dtype cannot hold the values.
         """
         return self._prepared(require_finite(depth, "depth map"), far, border)
 
     def prepare_map(self, shadow_map: ShadowMap) -> EncodedMap:
-        """The averaged codes of a cast map, whose depths are finite by construction."""
+        """The averaged values of a cast map, whose depths are finite by construction."""
         return self._prepared(shadow_map.depth, shadow_map.grid.far, shadow_map.border, shadow_map.outlines)
 
     def _prepared(
@@ -108,7 +108,7 @@ class Prefiltered(Filter):
 
     @property
     def supports_coverage(self) -> bool:
-        """Where codes are made of each depth alone."""
+        """Where values are made of each depth alone."""
         return True
 
     @property
@@ -128,5 +128,5 @@ class Prefiltered(Filter):
 
     @property
     def compares(self) -> bool:
-        """Reconstructed from codes."""
+        """Reconstructed from averaged values."""
         return False

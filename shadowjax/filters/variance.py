@@ -37,6 +37,7 @@ def surface_slopes(
         # Beyond the edge of the map the last difference goes on.
         first, last = (jnp.take(step, jnp.asarray([i], jnp.int32), axis=axis) for i in (0, step.shape[axis] - 1))
         before, after = jnp.concatenate([first, step], axis=axis), jnp.concatenate([step, last], axis=axis)
+        # At a silhouette one of both differences crosses to another surface and is the larger: the smaller one counts.
         sizes = jnp.abs(before), jnp.abs(after)
         smaller = jnp.where(sizes[0] <= sizes[1], before, after)
         agree = jnp.maximum(*sizes) <= 2 * jnp.minimum(*sizes)
@@ -105,6 +106,7 @@ def _chebyshev(mean: Numbers, variance: Numbers, depth: Numbers) -> Numbers:
     behind = depth > mean
     # Receivers in front get harmless numbers before they are set to 1, so that no gradient multiplies 0 by infinity.
     beyond = jnp.where(behind, depth - mean, jnp.ones_like(mean))
+    # Eq. 2.7, σ²/(σ² + (d − μ)²), with 0/0 taken as lit.
     spread = jnp.where(behind, variance, jnp.zeros_like(mean))
     total = spread + beyond * beyond
     lost = total == 0  # a distance so small that its square is 0

@@ -9,7 +9,7 @@ from jax import lax
 
 from shadowjax._types import Array, Bool, Float, Int
 
-# A place next to a segment, in roots of the dtype's rounding, cells: far enough to be told apart from the segment.
+# Distance of a place next to a segment, in roots of the dtype's rounding, cells: far enough to be distinct from it.
 BESIDE = 32.0
 
 
@@ -52,6 +52,8 @@ def crossings(
     start, end = lax.stop_gradient((start, end))
     change = end - start
     size = jnp.asarray([shape[1], shape[0]], start.dtype)
+    # Liang–Barsky clipping to the grid: parameters at which each axis enters and leaves [0, size]. An axis along which
+    # the segment does not move holds for all of it or, as the empty interval [2, −1], for none.
     still = change == 0
     safe = jnp.where(still, jnp.ones_like(change), change)
     one, two = -start / safe, (size - start) / safe
@@ -72,9 +74,11 @@ def crossings(
     begin = jnp.clip(jnp.floor(jnp.minimum(at_enter, at_leave)), 0, last_column).astype(jnp.int32)
     finish = jnp.clip(jnp.floor(jnp.maximum(at_enter, at_leave)), 0, last_column).astype(jnp.int32)
     counts = jnp.where(present & (enter < leave), 2 * (finish - begin + 1), 0)
+    # Segments of any length take as many rows as they need of one array of fixed size: no loop, no padding per segment.
     segment, within_segment, count = spread(counts, capacity)
 
     u, v, du, dv, enter, leave, begin, swap = (part[segment] for part in (u, v, du, dv, enter, leave, begin, swap))
+    # Two rows a column: the cell before the grid line that v crosses there, and the one after it, if it crosses one.
     column = begin + within_segment // 2
     step = jnp.where(du == 0, jnp.ones_like(du), du)
     sides = [(column.astype(u.dtype) + k - u) / step for k in (0, 1)]
@@ -82,6 +86,7 @@ def crossings(
     last = jnp.minimum(jnp.maximum(*sides), leave)
     at_first, at_last = v + first * dv, v + last * dv
     lower, upper = jnp.minimum(at_first, at_last), jnp.maximum(at_first, at_last)
+    # The one grid line of v that can lie strictly between both ends.
     border = jnp.ceil(lower)
     splits = (lower < border) & (border < upper)
     cut = jnp.clip((border - v) / jnp.where(dv == 0, jnp.ones_like(dv), dv), first, last)
@@ -90,6 +95,7 @@ def crossings(
         jnp.where(second, cut, first),
         jnp.where(second, last, jnp.where(splits, cut, last)),
     )
+    # From the middle of the piece: its ends lie on grid lines, where rounding may decide for either cell.
     row = jnp.floor(v + 0.5 * (first + last) * dv)
     row = jnp.clip(row, 0, jnp.where(swap, *size) - 1).astype(jnp.int32)
     cell = jnp.where(swap, column * shape[1] + row, row * shape[1] + column)
@@ -174,9 +180,12 @@ def area_beyond(
     """
     change = end - start
     a, b = (start + at[:, None] * change - centre for at in (first, last))
+    # Wedge from the centre to the border between the rays through a and b, less the triangle of centre, a and b. A
+    # border length p spans the area p/4, as the border's distance from the centre is ½.
     turn = _cross(a, b)
     around = _perimeter(b) - _perimeter(a)
     around = around - 4 * jnp.round(around / 4)
+    # Close to half a turn the shortest way round is ambiguous; the sign of the triangle says which it is.
     around = jnp.where(
         (turn >= 0) & (around < -1), around + 4, jnp.where((turn < 0) & (around > 1), around - 4, around)
     )
@@ -190,6 +199,7 @@ def area_beyond(
 def _area_beyond_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
     start, end, first, last, _ = primals
     change = end - start
+    # A point at part s moves with (1 − s)·start' + s·end'; ∫(1 − s) ds and ∫ s ds over the piece weigh the two.
     of_end = 0.5 * (last * last - first * first)
     of_start = (last - first) - of_end
     speed = _cross(change, tangents[0]) * of_start + _cross(change, tangents[1]) * of_end

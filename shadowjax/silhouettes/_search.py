@@ -121,6 +121,7 @@ def find_borders(
         seen = hit.is_hit
         points = surface_points(seen_mesh, rays, hit)
         normals = seen_mesh.face_normals()[jnp.where(seen, hit.face, 0)]
+        # The side that the view sees; visibility is judged there.
         normals = jnp.where((dot(normals, rays.directions) > 0)[..., None], -normals, normals)
         value = shadows.visible(mesh, space, *lax.optimization_barrier((points, normals)))
         return jnp.where(seen, value, jnp.ones_like(value)).astype(points.dtype)
@@ -141,6 +142,8 @@ def find_borders(
         rays = lax.optimization_barrier(rays)
         hit = lax.optimization_barrier(eye.closest(seen_mesh, rays))
         faces, depths, values = (jnp.split(x, 2) for x in (hit.face, hit.depth, lit(hit, rays)))
+        # A seen edge belongs to the nearer of its two sides; a shadow's edge to the lit one, on which it must have
+        # fallen.
         nearer = jnp.where(depths[0] <= depths[1], *faces)
         brighter = jnp.where(values[0] >= values[1], *faces)
         falls, edge = line.falls[segment], line.edge[segment]
@@ -186,6 +189,7 @@ def _fallen_lines(
     share = jnp.maximum(counts[edge], 1).astype(size.dtype)
     begin, end = (piece.astype(size.dtype) / share, (piece + 1).astype(size.dtype) / share)
     middle = on_edge(mesh, edges, edge, 0.5 * (begin + end))
+    # Perpendicular to edge and light ray, towards the side where light passes: probes look just past the edge.
     across = normalize(jnp.cross(second[edge] - first[edge], space.vector_to_source(middle)))
     aside = ASIDE * jnp.finfo(size.dtype).eps * size
     across = across * (aside * free_side(mesh, edges, space.vector_to_source(first))[edge])[:, None]

@@ -59,10 +59,10 @@ def coverage_planes(
     caster: Caster | None = None,
     max_pairs: int | None = None,
 ) -> Float[Array, "n rows cols"]:
-    """Codes of depth, averaged over every texel that the outline of the nearest layer crosses.
+    """Encoded depth (moments, basis values), averaged over every texel that the nearest layer's outline crosses.
 
-    A texel that no outline crosses holds the code of the depth at its centre, as a plain map does. Where one crosses,
-    the codes on its two sides are blended by the exact area of the texel on either side, corners and several edges
+    A texel that no outline crosses holds the values of the depth at its centre, as a plain map does. Where one crosses,
+    the values on its two sides are blended by the exact area of the texel on either side, corners and several edges
     included. So the planes change with continuity as a silhouette moves, and their derivative, forward and reverse, in
     vertices, light and view is exact for straight edges: a unit step moves the edge's share of a texel by its length.
 
@@ -156,6 +156,7 @@ def _find_pieces(mesh: Mesh, edges: MeshEdges, grid: RayGrid, caster: Caster, ma
         rays = rays_beside(grid, jnp.concatenate([left, right]), jnp.concatenate([exists, exists]))
         hit = caster.closest(mesh, rays)
         faces, depths = jnp.split(hit.face, 2), jnp.split(hit.depth, 2)
+        # Depth jumps where the nearer side is a face of the edge itself; else the edge is hidden or only passes by.
         nearer = jnp.where(depths[0] < depths[1], *faces)
         return edges.touch(segment, nearer).astype(jnp.int32), tuple(faces)
 
@@ -185,6 +186,7 @@ def _plane_depth(mesh: Mesh, rays: Rays, face: Int[Array, "n"]) -> Float[Array, 
     step = lax.stop_gradient(depths[:, 0])
     a, b, c = jnp.moveaxis(offsets - (step[:, None] * rays.directions)[:, None], 1, 0)
     normal = jnp.cross(b - a, c - a)
+    # The plane is met at step + rise/fall; a fall near 0 is a plane seen edge-on, whose depth is limited instead.
     rise, fall = dot(a, normal), dot(rays.directions, normal)
     low, high = jnp.min(depths, axis=-1), jnp.max(depths, axis=-1)
     reach = high - low
@@ -269,6 +271,8 @@ def segments_on(grid: RayGrid, first: Points, second: Points) -> tuple[Array, Ar
         ahead = [dot(points - space.source, jnp.broadcast_to(forward, points.shape)) for points in (first, second)]
         most = jnp.maximum(*ahead)
         before = most > 0
+        # Clipped just in front of the view's plane, where projection would divide by 0, and moved along the line
+        # itself.
         limit = NEAREST * jnp.where(before, most, jnp.ones_like(most))
 
         def moved(one: int, points: Points, others: Points) -> Points:

@@ -101,6 +101,7 @@ def dependence(
     """
     flat = depth.ravel()
     require(flat.size <= 4096, f"dependence moves every depth in turn: at most 4096 of them, got {flat.size}")
+    # Beyond every depth of the map on both sides: a moved depth changes the outcome of any comparison it enters.
     far = 2 * (jnp.max(jnp.abs(flat)) + 1)
     indices = jnp.arange(flat.size, dtype=jnp.int32)
 

@@ -1,4 +1,4 @@
-"""Where filters break: largest exponents, ringing, light bleeding of two occluders, rounding of moments; with twins."""
+"""Numerical limits of filters: overflow, ringing, light bleeding, rounding of moments; predicted and measured."""
 
 import math
 
@@ -72,10 +72,12 @@ def measured_exponent(
             stored = np.exp(num_moments * c * depths).astype(kind)  # the exponential itself is exact here
             weight = np.asarray(1 / taps if normalised else 1, kind)
             total = np.zeros((), kind)
+            # One addition after the other, rounded each time, as a filter that accumulates in this dtype does.
             for value in stored:
                 total = (total + value * weight).astype(kind)
         return bool(np.isfinite(total))
 
+    # The bracket starts well above the prediction, so that a prediction too low would be noticed.
     low, high = 0.0, 4 * largest_exponent(dtype, num_moments, 1, largest_depth)
     high = min(high, 700.0 / (num_moments * largest_depth))  # what float64 itself can raise
     for _ in range(60):
@@ -125,6 +127,7 @@ def gibbs_peak(num_terms: int | None, damping: float = 0.0) -> float:
         return float(0.5 + sici(math.pi)[0] / math.pi)
     if damping == 0:
         return float(_step64(np.array([1 / (2 * num_terms)]), num_terms, 0.0)[0])
+    # 64 samples per term resolve every lobe of the highest frequency; the best is refined between its neighbours.
     t = np.linspace(0, 1 - 1 / (2 * num_terms), 64 * num_terms + 1)
     values = _step64(t, num_terms, damping)
     best = int(np.argmax(values))
@@ -167,6 +170,7 @@ def variance_bleed(spread: ArrayLike, share: ArrayLike) -> Float[Array, "..."]:
     Source: filtering, eq. 2.7 for two depths; sections 2.3.2–2.3.3.
     """
     r, q = (jnp.asarray(x, jnp.result_type(float)) for x in (spread, share))
+    # Two depths: σ² = q(1−q)r² and d − μ = 1 + (1−q)r, in units of the distance from the far one to the receiver.
     variance = q * (1 - q) * r**2
     return variance / (variance + (1 + (1 - q) * r) ** 2)
 
@@ -186,6 +190,7 @@ def exponential_variance_bleed(
     """
     near, far, receiver, c = (jnp.asarray(x, jnp.result_type(float)) for x in (near, far, receiver, exponent))
     between, behind = far - near, receiver - far
+    # 0/0 as c → 0: the limit Δ/δ is put in, and the branch not taken gets a harmless c for its gradient.
     small = c < 1e-6
     safe = jnp.where(small, 1.0, c)
     spread = jnp.where(small, between / behind, -jnp.expm1(-safe * between) / jnp.expm1(safe * behind))
@@ -252,6 +257,7 @@ def measured_deviation(mean: float, dtype: DType, num_pairs: int = 4096) -> floa
         dtype: Floating dtype.
         num_pairs: Sets, each of two depths near μ, drawn with a fixed seed.
     """
+    # Pairs two ulps of the mean apart: their true variance is far below what the difference of moments can resolve.
     drawn = np.random.default_rng(0).uniform(0.9, 1.1, num_pairs) * mean
     tiny = mean * float(jnp.finfo(dtype).eps)
     pairs = jnp.asarray(np.stack([drawn - tiny, drawn + tiny]), dtype)

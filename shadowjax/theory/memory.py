@@ -36,6 +36,7 @@ class Texture:
         side = require_int(resolution, "resolution", 1)
         texels = side**2
         while self.mips and side > 1:
+            # Each mip level halves the side and rounds down, to 1 × 1.
             side //= 2
             texels += side**2
         return self.count * texels * CHANNELS[self.channels] * self.bits // 8
@@ -44,7 +45,7 @@ class Texture:
 @checked
 @dataclass(frozen=True)
 class Storage:
-    """What a technique keeps, and what a blur needs for a moment besides.
+    """Textures that a technique keeps, and the temporary ones of its blur.
 
     Attributes:
         textures: Kept.

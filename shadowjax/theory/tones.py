@@ -55,6 +55,7 @@ def count_sums(levels: Sequence[Fraction], num_samples: int, weights: Sequence[F
     require(len(factors) == n, f"weights must hold one number a sample ({n}); got {len(factors)}")
     sums = {Fraction(0)}
     for factor in factors:
+        # The set of reachable sums grows by one sample at a time; fractions make equality exact.
         sums = {total + factor * level for total, level in itertools.product(sums, levels)}
     return len(sums)
 
@@ -105,6 +106,7 @@ def edge_shift(policy: str, size: int = 3) -> Fraction:
     out of it; the composite test averages the n edges. Counted on an edge along an axis.
     """
     span = 4 * size
+    # A step in the middle, and every window position over it: the sum of lit tests counts where the edge lies.
     lit = np.broadcast_to(np.arange(span) >= span // 2, (size, span))
     numerators = [lit_numerators(lit[:, i : i + size], policy, size) for i in range(span - size + 1)]
     plain = [lit_numerators(lit[:, i : i + size], "1-SM", size) for i in range(span - size + 1)]
@@ -130,6 +132,7 @@ def tones(visibility: ArrayLike, mask: ArrayLike | None = None, tolerance: float
     require(bool(np.isfinite(values).all()), "visibility must be finite to count its tones")
     if values.size == 0:
         return values
+    # Sorted values belong to one cluster until a gap exceeds the tolerance.
     clusters = np.split(values, np.flatnonzero(np.diff(values) > tolerance) + 1)
     return np.array([cluster.mean() for cluster in clusters])
 
@@ -144,7 +147,7 @@ def count_tones(visibility: ArrayLike, mask: ArrayLike | None = None, tolerance:
 def tone_count(
     visibility: Float[Array, "*shape"], mask: Bool[Array, "*shape"] | None = None, tolerance: float = 1e-4
 ) -> Int[Array, ""]:
-    """`count_tones` as a function of arrays, for `jit` and `vmap`: clusters of values, told apart by sorting.
+    """`count_tones` as a function of arrays, for `jit` and `vmap`: clusters of values, found by sorting.
 
     Args:
         visibility: Finite values.

@@ -54,6 +54,7 @@ def lit_numerators(
     margin = require_int(size, "neighbourhood size", 1) // 2
     require(size % 2 == 1, f"neighbourhood size must be odd; got {size}")
     rows, cols = windows.shape[-2] - 2 * margin, windows.shape[-1] - 2 * margin
+    # Neighbourhoods of all taps along two new last axes; `keep` flattens them and leaves out the centre if asked.
     taps = np.lib.stride_tricks.sliding_window_view(windows, (size, size), axis=(-2, -1))
     keep = np.ones((size, size), bool)
     keep[margin, margin] = include_centre or size == 1
@@ -75,6 +76,7 @@ def enumerated_histogram(num_taps: int, policy: str, include_centre: bool = True
     side = width + 2
     extremes = POLICIES[require_choice(policy, "policy", POLICIES)]
     histogram = np.zeros(num_depths(policy) * num_taps + 1, np.int64)
+    # A window is an integer whose bit side·row + col is a texel; blocks of 2²⁰ bound the memory.
     for start in range(0, 2 ** (side * side), 2**20):
         windows = np.arange(start, min(start + 2**20, 2 ** (side * side)), dtype=np.uint32)
         total = np.zeros(windows.shape, np.uint8)
@@ -105,6 +107,7 @@ def window_histogram(num_taps: int, policy: str, include_centre: bool = True) ->
     rows = np.arange(2**side)
     above, middle = rows[:, None], rows[None, :]
     tones = num_depths(policy) * num_taps + 1
+    # counts[above, middle, t]: windows so far whose last two rows are these and of whose tests t are lit.
     counts = np.zeros((rows.size, rows.size, tones), np.int64)
     counts[..., 0] = 1
     for _ in range(width):
@@ -112,6 +115,7 @@ def window_histogram(num_taps: int, policy: str, include_centre: bool = True) ->
         for below in range(2**side):
             lit = np.zeros((rows.size, rows.size), np.int64)
             for col in range(width):
+                # The three rows of bits of one tap's 3 × 3 neighbourhood.
                 a, b, c = (above >> col) & 7, (middle >> col) & own_bits, (below >> col) & 7
                 lit += (middle >> (col + 1)) & 1
                 if "max" in extremes:
@@ -119,6 +123,7 @@ def window_histogram(num_taps: int, policy: str, include_centre: bool = True) ->
                 if "min" in extremes:
                     lit += (a == 7) & (b == own_bits) & (c == 7)
             for value in range(int(lit.max()) + 1):
+                # Adding `value` lit tests shifts the histogram; the oldest row is summed out.
                 chosen = np.where((lit == value)[..., None], counts[..., : tones - value], 0)
                 grown[:, below, value:] += chosen.sum(0)
         counts = grown
@@ -141,6 +146,7 @@ def half_plane_windows(side: int) -> Bool[np.ndarray, "patterns rows cols"]:
     y, x = np.divmod(np.arange(side * side), side)
     patterns = {np.zeros(side * side, bool).tobytes(), np.ones(side * side, bool).tobytes()}
     for (ax, ay), (bx, by) in itertools.pairwise(turned):
+        # The sum of two neighbouring critical directions lies strictly between them.
         order = np.argsort((ax + bx) * x + (ay + by) * y, kind="stable")
         lit = np.zeros(side * side, bool)
         for texel in order:

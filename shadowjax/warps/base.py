@@ -24,6 +24,7 @@ class Warp(PlaneMap):
         Divided by the resolution this is the size of a texel on the light's plane. Computed from the map itself, so
         that a closed form can be checked against it.
         """
+        # One Jacobian per point; they are 2 × 2, so forward mode is as good as any.
         flat = square.reshape(-1, 2)
         return jax.vmap(jax.jacfwd(self.inverse))(flat).reshape(*square.shape, 2)
 

@@ -58,6 +58,8 @@ def light_frustum(camera: Camera, light_direction: Vector3, near: Scalar, far: S
         far: Farthest depth that matters, world units.
     """
     frame = light_frame(-light_direction, camera.forward)
+    # Light space's x and the part of its z' in the image plane are perpendicular there: the second has the components
+    # (|up·x|, |right·x|), the first's in reverse order.
     across = jnp.abs(camera.rotation[:2] @ frame[0])  # x of light space in the image plane: (|right·x|, |up·x|)
     half = camera.half_size
     tan_x = dot(across, half)
@@ -159,6 +161,7 @@ class PerspectiveFit(WarpFit):
             return 1 / jnp.asarray(self.near_distance, near.dtype)
         if self.bend is not None:
             bend = jnp.asarray(self.bend, near.dtype)
+            # b = W/(n' + W) solved for 1/n', with W the length of what is covered along the axis.
             return bend / (1 - bend) / (jnp.max(along) - jnp.min(along))
         return 1 / NEAR_DISTANCES[self.rule](light_frustum(camera, -space.frame[1], near, far))
 
@@ -213,6 +216,7 @@ def spot_strength(
     seen = receiver_outline(space, light, mesh, camera)
     points = seen.plane
     near, far = camera.near, camera.far
+    # Evenly in the logarithm of depth, as errors vary with ratios of depths.
     depths = near * (far / near) ** jnp.linspace(0, 1, SAMPLES, dtype=near.dtype)
     samples = camera.position + depths[:, None] * camera.forward
     # on the line (x, y, z) + λ(x', y', z'), d(x/z)/dλ is (x'z − xz')/z², whose numerator is the same all along it

@@ -49,6 +49,7 @@ class LogarithmicWarp(Warp):
         """Logarithm along the axis (warping, eq. 48)."""
         along, across = components(plane - self.origin, self.axis)
         excess = jnp.maximum(along * self.strength, CLOSEST - 1)
+        # ln(1 + u/c)/ln(1 + W/c) as ratios ln(1 + x)/x, which stay 1 in the uniform map, where both logarithms are 0.
         t = along / self.extent * _log_ratio(excess) / _log_ratio(self.extent * self.strength)
         s = (across / (1 + excess) - self.sides[0]) / (self.sides[1] - self.sides[0])
         return jnp.stack([s, t], axis=-1)
@@ -74,6 +75,7 @@ class LogarithmicWarp(Warp):
     def _along(self, t: Float[Array, "*points"]) -> Float[Array, "*points"]:
         """(e^{t·L} − 1)/strength with L = ln(1 + W·strength)."""
         full = self.extent * self.strength
+        # Again as ratios, (eˣ − 1)/x: u = t·W·ln(1 + x)/x·(eʸ − 1)/y with x = W/c and y = t·ln(1 + x).
         return t * self.extent * _log_ratio(full) * _exp_ratio(t * full * _log_ratio(full))
 
 
@@ -81,6 +83,7 @@ def _log_ratio(x: Float[Array, "..."]) -> Float[Array, "..."]:
     """ln(1 + x)/x, smooth through 0 in value and gradient."""
     small = jnp.abs(x) < SMALL
     series = 1 - x * (1 / 2 - x * (1 / 3 - x * (1 / 4 - x / 5)))
+    # The branch not taken is evaluated too: 1 keeps its gradient from 0/0.
     safe = jnp.where(small, jnp.ones_like(x), x)
     return jnp.where(small, series, jnp.log1p(safe) / safe)
 
@@ -110,10 +113,12 @@ def log_distance(frustum: LightFrustum, section: Section = "axis") -> Float[Arra
     def falls(log_x: Array) -> Array:
         x = jnp.exp(log_x)
         small = jnp.minimum(x, 1e-2)
+        # ½ − (ln(1 + x)(1 + x)/x − 1)/x: a difference of nearly equal numbers for small x, so its series there.
         series = small * (1 / 6 - small * (1 / 12 - small * (1 / 20 - small / 30)))
         large = jnp.maximum(x, 1e-2)
         return half - jnp.where(x > 1e-2, 0.5 - (jnp.log1p(large) * (1 + large) / large - 1) / large, series)
 
+    # x = W/c between ε and 1/ε: beyond them the warp is uniform, or its near plane a point, to the dtype.
     widest = -math.log(float(jnp.finfo(half.dtype).eps))
     root = jnp.exp(bisect(falls, jnp.full_like(half, -widest), jnp.full_like(half, widest)))
     near_minimum = jnp.where(half > 0, frustum.extent / root, frustum.uniform_near_distance)

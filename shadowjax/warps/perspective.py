@@ -63,6 +63,7 @@ class PerspectiveWarp(Warp):
     def inverse(self, square: PlanePoints) -> PlanePoints:
         """Plane position of each (s, t)."""
         s, t = square[..., 0], square[..., 1]
+        # t = u(1 + W/n')/(W(1 + u/n')) solved for u.
         along = t * self.extent / jnp.maximum(1 + self.extent * self.strength * (1 - t), CLOSEST)
         across = (self.sides[0] + s * (self.sides[1] - self.sides[0])) * (1 + along * self.strength)
         return self.origin + compose(along, across, self.axis)
@@ -78,6 +79,7 @@ class PerspectiveWarp(Warp):
         Divide by the map's columns and rows for the size of a texel. Source: warping, eq. 18–19 and 23–24.
         """
         t = square[..., 1]
+        # 1 + u/n' written in t, as in `inverse`; its square is the dz'/dt of a projective map.
         shrink = jnp.maximum(1 + self.extent * self.strength * (1 - t), CLOSEST)
         stretch = 1 + t * self.extent / shrink * self.strength
         across = (self.sides[1] - self.sides[0]) * stretch
@@ -102,6 +104,7 @@ def trapezium(
     lowest, middle = jnp.min(along), (jnp.min(across) + jnp.max(across)) / 2
     along, across = along - lowest, across - middle
     extent = jnp.max(along)
+    # Projected along the trapezium's sides onto the line u = 0: the extremes there are where the sides start.
     shrunk = across / (1 + along * strength)
     sides = jnp.stack([jnp.min(shrunk), jnp.max(shrunk)])
     flat = (extent > 0) & (sides[1] > sides[0])

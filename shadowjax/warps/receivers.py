@@ -44,6 +44,7 @@ def receiver_corners(
     forward, half = camera.forward, camera.half_size
     zero = jnp.zeros_like(camera.near)
     # inward normals n and offsets d of half-spaces n·p ≥ d, with the camera at the origin
+    # Sides of the frustum: |p·axis| ≤ reach·p·forward.
     for axis, reach in ((camera.rotation[0], half[0]), (camera.rotation[1], half[1])):
         normals += [normalize(reach * forward + axis), normalize(reach * forward - axis)]
         offsets += [zero, zero]
@@ -75,6 +76,7 @@ def _corners(
     determinant = dot(a, cross)
     meets = jnp.abs(determinant) > LEAST_DETERMINANT
     whole = jnp.where(meets, determinant, jnp.ones_like(determinant))[:, None]
+    # Cramer's rule for a·p = d, b·p = e, c·p = f.
     points = (d * cross + e * jnp.cross(c, a) + f * jnp.cross(a, b)) / whole
     inside = jnp.min(points @ normals.T - offsets, axis=1) >= -slack
     return points, meets & inside

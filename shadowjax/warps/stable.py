@@ -61,6 +61,7 @@ class StableFit(WarpFit):
         lowest = jnp.stack(components(middle - world_origin, axis)) - size / 2
         if self.snap:
             cell = size / self.steps
+            # Straight through: the origin snaps to the lattice, its gradient is that of the origin not snapped.
             lowest = lowest + jax.lax.stop_gradient(jnp.round(lowest / cell) * cell - lowest)
         zero = jnp.zeros_like(size)
         origin = world_origin + compose(lowest[0], lowest[1], axis)
@@ -75,6 +76,7 @@ def bounding_sphere(camera: Camera) -> tuple[Vector3, Scalar]:
     min((n + f)(1 + τ²)/2, f).
     """
     square: Float[Array, ""] = jnp.sum(camera.half_size**2)
+    # Equidistant from near and far corners; where that lies beyond the far plane, its corners alone decide.
     depth = jnp.minimum((camera.near + camera.far) * (1 + square) / 2, camera.far)
     radius = jnp.sqrt((camera.far - depth) ** 2 + camera.far**2 * square)
     return camera.position + depth * camera.forward, radius

@@ -18,6 +18,7 @@ def distances_of(parts: LightFrustum, bend: Array, warp: str, section: Section) 
     """n' of slices: by rule, or W(1 − b)/b of free bends b = W/(n' + W) in (0, 1), of which 0 is the uniform map."""
     if warp != "free":
         return WARPS[warp](parts, section)
+    # b = W/(n' + W) solved for n'; b near 0 gives ∞, which `bounded` takes.
     return parts.bounded(parts.extent * (1 - bend) / bend)
 
 
@@ -48,14 +49,19 @@ def excesses(parts: LightFrustum, distance: Array) -> Float[Array, "cuts 6"]:
     a jump larger, for the optimum may lie where both are equal.
     """
     strength = 1 / distance
+    # ln of both candidates z/(1 + low/n') for P's half width; m_x is their maximum times (1 + offset/n')/z.
     planes = (parts.near, parts.low_near), (parts.far, parts.low_far)
     widths = jnp.stack([jnp.log(depth) - jnp.log1p(strength * low) for depth, low in planes])
 
     def worst(depth: Array) -> Array:
         return jnp.log1p(parts.offset(depth) * strength) - jnp.log(depth)
 
+    # Errors at a cut: of the slice behind it at its near plane, of the one in front at its far plane; tan φ_x and scale
+    # cancel between them.
     after = widths[:, 1:] + worst(parts.near)[1:]
     before = widths[:, :-1] + worst(parts.far)[:-1]
+    # Upwards each candidate of the numerator is a constraint; the denominator is a maximum, so the difference stays
+    # below it as a whole. Downwards the roles change.
     up, down = after - larger(before[0], before[1]), before - larger(after[0], after[1])
     along = log_jumps(parts, distance)[:, 1]
     return jnp.stack([*up, *down, along, -along], axis=-1)
@@ -77,10 +83,12 @@ def functions_of(v: Array, view: LightFrustum, limit: Array, kind: Problem) -> t
     log_ratios, bend, level = v[:k], v[k : 2 * k], v[2 * k :]
     parts = similar(view, log_ratios)
     distance = distances_of(parts, bend, kind.warp, kind.section)
+    # Epigraph form: each level is a variable above its slice's eight pieces, so that minimising it finds their maximum.
     above = level[:, None] - log_storages(parts, distance, kind.section)
     held = [above.reshape(-1)]
     if kind.limited:
         held.append((limit - excesses(parts, distance)).reshape(-1))
+    # ln of the sum of storages, from their logarithms without overflow.
     worst = level[0] if kind.objective == "max" else jax.nn.logsumexp(level)
     return worst, jnp.concatenate(held)
 
@@ -101,11 +109,14 @@ def condition_of(
     span = jnp.log1p((view.far - view.near) / view.near)
     sums = (jnp.arange(num) < kind.k).astype(v.dtype)
 
+    # The Lagrangian: its gradient by v vanishes at an optimum (stationarity).
     def balance(v: Array) -> Array:
         worst, held = functions_of(v, view, limit, kind)
         return worst - jnp.sum(jnp.where(holds, forces[:-1] * held, 0.0)) - forces[-1] * jnp.sum(sums * v)
 
     _, held = functions_of(v, view, limit, kind)
+    # A fixed variable keeps its value instead; an inactive constraint has its multiplier held at 0 instead of its
+    # value.
     slopes = jnp.where(fixed, v - start, jax.grad(balance)(v))
     return jnp.concatenate([slopes, jnp.where(holds, held, forces[:-1]), (jnp.sum(sums * v) - span)[None]])
 

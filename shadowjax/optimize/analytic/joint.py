@@ -95,6 +95,7 @@ def _starts(span: float, k: int, limit: float, limited: bool, free: bool) -> Ite
         yield rest, None
     for factor in (0.4, 2.0) if k > 1 else ():
         for place in (0, k - 1):
+            # One slice at either end shorter or longer than the others.
             shares = np.ones(k)
             shares[place] = factor
             yield span * shares / shares.sum(), None
@@ -152,12 +153,14 @@ def joint_splits(
     checked: Section = require_choice(section, "section", SECTIONS)
     view = LightFrustum.create(near, far, phi, gamma)
     k = require_int(num_partitions, "the number of partitions k", 1)
+    # Without a limit the number has no part in any constraint; e only keeps its logarithm finite.
     factor = jnp.asarray(math.e if seam_limit is None else seam_limit, view.near.dtype)
     limit = jnp.log(require_value(factor, factor > 1, "seam_limit, a factor, must exceed 1"))
     kind = Problem(k, objective, warp, checked, seam_limit is not None and k > 1)
     shape = jnp.broadcast_shapes(limit.shape, *(x.shape for x in jax.tree.leaves(view)))
     flat = jax.tree.map(lambda x: jnp.broadcast_to(x, shape).reshape(-1), (view, limit))
     fixed = jax.tree.leaves(jax.lax.stop_gradient(flat))
+    # The search runs on the host; under `jit` and `vmap` it is called back for, and only the conditions are traced.
     if any(isinstance(x, Tracer) for x in fixed):
         like = jax.eval_shape(lambda: _blank(kind, fixed[0].shape[0], view.near.dtype))
         point = jax.pure_callback(
@@ -229,11 +232,13 @@ def _solve(start: np.ndarray, bend: np.ndarray | None, *args: Any) -> tuple[np.n
         bend = np.asarray(parts.extent / (parts.extent + distance), np.float64)
     else:
         distance = distances_of(parts, jnp.asarray(bend, dtype), kind.warp, kind.section)
+    # The starting levels lie exactly on the maximum of their pieces: a feasible start for the storages.
     level = np.max(np.asarray(log_storages(parts, distance, kind.section), np.float64), axis=-1)
     level = level if kind.objective == "sum" else np.asarray([level.max()])
     v = np.concatenate([start, np.clip(bend, 1e-9, 1 - 1e-9), level])
     span = float(np.log(float(view.far / view.near)))
     sums = np.concatenate([np.ones(k), np.zeros(len(v) - k)])
+    # Log ratios stay positive, bends within (0, 1), levels where exp neither overflows nor vanishes.
     bounds = [(1e-3 * span / k, span)] * k + [(LEAST_BEND, 1 - 1e-9)] * k + [(-60.0, 60.0)] * len(level)
     found: Any = minimize(
         lambda x: (_at(x, args)[0][0], _at(x, args)[1][0]), v, jac=True, method="SLSQP", bounds=bounds,
@@ -244,6 +249,7 @@ def _solve(start: np.ndarray, bend: np.ndarray | None, *args: Any) -> tuple[np.n
         options={"maxiter": 300, "ftol": 1e-15},
     )  # fmt: skip
     v = np.asarray(found.x)
+    # What is left of the equality is scaled away, then the levels and the jump are worked out exactly.
     v[:k] *= span / v[:k].sum()
     v, value, broken = _exact(v, args)
     return None if broken > HELD else (v, value)
@@ -281,10 +287,12 @@ def _settled(v: np.ndarray, *args: Any) -> _Point:
         rest, slopes = condition_and_slope(
             jnp.asarray(z, dtype), *args[:2], jnp.stack(numbers), jnp.asarray(trial.holds), jnp.asarray(fixed), kind
         )
+        # Least squares instead of a solve: with redundant active constraints the multipliers are not unique.
         z = z - np.linalg.lstsq(np.asarray(slopes, np.float64), np.asarray(rest, np.float64))[0]
     new, value, _ = _exact(z[:num], args) if np.isfinite(z).all() else (v, math.inf, 0.0)
     forces = z[num:-1][trial.holds]
     better = _balanced(new, fixed, HELD, args)
+    # Newton may have left for another stationary point: it must keep the constraints, the signs and the objective.
     kept = better.violation <= HELD and value <= _exact(v, args)[1] * (1 + 1e-6) and (forces >= -1e-9).all()
     if kept and better.residual <= _balanced(v, fixed, HELD, args).residual:
         return better._replace(v=new, forces=z[num:], holds=trial.holds)
@@ -300,10 +308,13 @@ def _balanced(v: np.ndarray, fixed: np.ndarray, slack: float, args: tuple[Any, .
     (_, held), (slope, slopes) = _at(v, args)
     sums = np.concatenate([np.ones(k), np.zeros(len(v) - k)])
     near = np.flatnonzero(held < slack)
+    # Stationarity as nonnegative least squares: inequality multipliers ≥ 0; the equality's is free, so it enters with
+    # both signs; a fixed variable balances its own component.
     columns = [*slopes[near], sums, -sums, *np.eye(len(v))[fixed]]
     forces, rest = nnls(np.stack(columns, axis=-1), slope)
     held_by = np.zeros(len(held) + 1)
     held_by[near], held_by[-1] = forces[: len(near)], forces[len(near)] - forces[len(near) + 1]
+    # Strictly active only: a constraint that is met but pulls nothing would make the derivative's system singular.
     holds = held_by[:-1] > 1e-9 * np.linalg.norm(slope)
     residual = np.asarray(rest / np.linalg.norm(slope))
     return _Point(v, held_by, holds, fixed, residual, np.asarray(max(0.0, -float(held.min()))))
@@ -329,6 +340,7 @@ def _variables(view: LightFrustum, limit: Array, point: Any, kind: Problem, sett
 
     def tangent(linear: Any, change: Array) -> Array:
         matrix = jax.jacfwd(linear)(jnp.zeros_like(change))
+        # A singular system has no derivative to give: equally good optima lie along its null space.
         spread = jnp.linalg.svd(matrix, compute_uv=False)
         singular = spread[-1] <= 100 * float(jnp.finfo(change.dtype).eps) * spread[0]
         matrix = eqx.error_if(matrix, singular | ~settled, _REFUSED)
@@ -352,6 +364,7 @@ def _report(view: LightFrustum, limit: Array, point: Any, kind: Problem) -> Join
         return jnp.exp(jnp.max(jnp.abs(log_jumps(parts, distance)), initial=0.0))
 
     storage = total(storage_factor(parts, distance, section), kind.objective)
+    # The published choice on the same view: equal ratios, n' of eq. 42 with 44.
     alike = similar(view, jnp.full_like(log_ratios, 1 / k) * jnp.sum(log_ratios))
     rule = "least_storage" if kind.warp == "free" else kind.warp
     certificate = JointCertificate(

@@ -134,6 +134,8 @@ def _logs(objective: Objective, frustum: LightFrustum, section: Section) -> tupl
 
 def _search(objective: Objective, frustum: LightFrustum, section: Section) -> Array:
     logs, flat = _logs(objective, frustum, section)
+    # Along ln n' every objective falls, then rises; a millionth of n is below any n' of use, the top is the uniform
+    # map.
     low = jnp.log(frustum.near) - math.log(1e6)
     high = jnp.log(frustum.uniform_near_distance)
     return jnp.exp(least_largest(logs, low, high, flat))
@@ -160,19 +162,23 @@ def solve(frustum: LightFrustum, objective: str | Rated = "z", section: Section 
     # beyond this n' the objective differs from the uniform map's by less than rounding
     uniform = (distance > flat) if exact is None else (distance > flat) & (exact > flat)
     x, eps = jnp.log(distance), float(jnp.finfo(distance.dtype).eps)
+    # Slopes are taken √ε to both sides of the optimum, in ln n': a kink shows both signs, a smooth minimum none.
     step = eps**0.5 * jnp.ones_like(x)
     logs, _ = _logs(asked, frustum, section)
     largest_log = lambda x: jnp.max(logs(x))  # noqa: E731
     below, above = (jax.jvp(largest_log, (x + side * step,), (jnp.ones_like(x),))[1] for side in (-1, 1))
+    # The near and the far piece of M_z: equal where the minimax equioscillates (eq. 39).
     along = error_pieces(frustum, "z", section).logs(distance)
     certificate = Certificate(published, jnp.abs(along[0] - along[1]), below, above, uniform)
     if exact is not None and asked.error is not None:
         difference = jnp.where(uniform, jnp.zeros_like(x), jnp.abs(distance - exact) / jnp.maximum(distance, exact))
         excess, bound = value(exact) / best - 1, rounding_bound(frustum, distance, asked.error, section)
+        # Both objectives carry a rounding error of up to `bound` each.
         alike = jnp.abs(excess) <= 2 * bound
         certificate = Certificate(
             published, jnp.abs(along[0] - along[1]), below, above, uniform, exact, difference, alike, excess, bound
         )
+    # Falling before, rising after, up to what a step of √ε can say; the uniform map needs no rise after it.
     stands = (below <= 1e3 * step) & ((above >= -1e3 * step) | (distance > flat))
     baselines = {"published": value(published), "uniform": value(frustum.uniform_near_distance)}
     return Solution(distance, best, baselines, certificate, ended(jnp.isfinite(best) & stands), frustum, KIND)

@@ -1,4 +1,4 @@
-"""Planes between depth slices with the n' of a rule: every pair of shares of ln(f/n), against equal ratios."""
+"""Optimal split planes for depth slices whose n' follows a rule: slices of two lengths, compared with equal ratios."""
 
 import equinox as eqx
 import jax
@@ -23,6 +23,7 @@ def _second(part: LightFrustum, warp: str, section: Section) -> tuple[Array, Arr
     if warp == "lispsm":
         return 1 / near_distances.faded(part), part.gamma < part.gamma_limit
     offset, _ = part.worst_line(section)
+    # The near branch's minimum as a strength: (W − 2E)/(E·W), which passes through 0 where the uniform map takes over.
     if warp == "minimax":
         strength, other = safe_divide(part.slack(section), offset * part.extent), near_branch_minimum(part, section)
     else:
@@ -44,6 +45,7 @@ def _on_branch(part: LightFrustum, branch: Array | None, warp: str, section: Sec
         first = 1 / jnp.where(equal > 0, equal, part.extent)
         second, follows = _second(part, warp, section)
         if branch is None:
+            # The uniform map bounds the strength from below: smaller ones are branch 2.
             branch = jnp.where(jnp.where(follows, second, first) > uniform, follows.astype(int), 2)
         strength = jnp.where(branch == 2, uniform, jnp.where(branch == 1, second, first))
     return error_pieces(part, "storage", section).bent(strength), branch
@@ -86,6 +88,7 @@ class _Pair(eqx.Module):
     def _joined(self, logs: Array, leads: Array) -> Array:
         if self.objective == "max":
             return logs[leads]
+        # ln(m·S₁ + (k − m)·S₂).
         return jax.nn.logsumexp(logs + jnp.log(jnp.stack([self.first, self.num - self.first])))
 
     def active(self, x: Array) -> tuple[Array, Array, Array]:
@@ -102,6 +105,7 @@ class _Pair(eqx.Module):
     def best(self) -> tuple[Array, Array]:
         """x and ln of the objective there: the best of a grid, polished between its neighbours."""
         share = jnp.linspace(0, 1, NUM_SHARES, dtype=self.span.dtype)[1:-1]
+        # The longest that m equal slices can be: all of ln(f/n).
         whole = self.span / self.first
         values = jax.vmap(lambda x: self.value(x, self.active(x)))(share * whole)
         index = jnp.clip(jnp.argmin(values), 1, share.shape[0] - 2)
@@ -130,8 +134,10 @@ def solve(
         index = jnp.argmin(values)
         pair = _Pair(view, span, firsts[index], k, objective, warp, section).lengths(xs[index])
         unequal = jnp.sort(jnp.where(jnp.arange(k).astype(dtype) < firsts[index], pair[0], pair[1]))
+        # Unequal slices must be better by more than rounding, else equal ratios stand.
         few = max(1e-9, 8 * float(jnp.finfo(dtype).eps))
         lengths = jnp.where(values[index] < jnp.log(baselines["equal"]) - few, unequal, lengths)
+    # Slices do not depend on each other, so one product with ones gives dS_i/d ln(f_i/n_i) of all of them.
     each, slopes = jax.jvp(lambda x: storages(view, x, warp, section), (lengths,), (jnp.ones_like(lengths),))
     value = Slices.between(view, lengths, WARPS[warp](similar(view, lengths), section))
 

@@ -36,6 +36,7 @@ class Slices(Checked):
     @classmethod
     def between(cls, view: LightFrustum, log_ratios: Array, near_distances: Array) -> "Slices":
         """Of one view, from ln(f_i/n_i) of every slice and its n' over its near distance."""
+        # `similar` slices have near distance 1; n' scales with n_i when they are put in their places.
         inner = view.near * jnp.exp(jnp.cumsum(log_ratios))
         cuts = jnp.concatenate([view.near[None], inner]).at[-1].set(view.far)
         return cls(cuts, near_distances * cuts[:-1])

@@ -1,4 +1,4 @@
-"""Sweeps over γ × f/n × φ × k in one program, spread over all devices."""
+"""Sweeps over γ × f/n × φ × k in one program, sharded across devices."""
 
 from typing import Any, NamedTuple
 
@@ -20,7 +20,7 @@ from shadowjax.theory.aliasing.optimal import balanced, least_storage, minimax
 
 
 class Sweep(Checked):
-    """Other n' and what they need at every combination; all arrays have the shape (γ, f/n, φ, k).
+    """n' and storage of the other rules at every combination; all arrays have the shape (γ, f/n, φ, k).
 
     Attributes:
         least_storage: n' of least M_x·M_z, in units of the first slice's near distance.
@@ -119,6 +119,7 @@ def sweep(
     lists = [x.astype(dtype) for x in lists]
     for values, name in zip(lists, ("gammas", "ratios", "phis", "num_partitions"), strict=True):
         require(values.ndim == 1 and values.size > 0, f"{name} must be a list of at least one number")
+    # Each list is checked by itself, with harmless values for the others; the grid below is then valid as a whole.
     LightFrustum.create(jnp.ones_like(lists[1]), lists[1], jnp.full_like(lists[1], 0.5))
     LightFrustum.create(1.0, 2.0, lists[2], 0.5)
     LightFrustum.create(1.0, 2.0, 0.5, lists[0])

@@ -1,4 +1,4 @@
-"""Smooth losses lowered within bounds from several starts, with a report of what happened."""
+"""Bounded minimisation of smooth losses by L-BFGS-B from several starting points, with a certificate."""
 
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
@@ -137,6 +137,7 @@ def _search(
         options={"maxiter": max_steps, "gtol": tolerance, "ftol": tolerance * 1e-3},
     )  # fmt: skip
     end, gradient = np.asarray(found.x), np.asarray(found.jac)
+    # A slope that only a bound keeps from being followed is no sign of an unfinished search.
     blocked = ((end <= low) & (gradient > 0)) | ((end >= high) & (gradient < 0)) | (low == high)
     left = float(np.abs(np.where(blocked, 0, gradient)).max(initial=0))
     result = optx.RESULTS.successful

@@ -64,6 +64,7 @@ def diffuser(faces: Int[np.ndarray, "faces 3"], num_vertices: int, amount: float
     for a, b in ((0, 1), (1, 2), (2, 0)):
         graph[faces[:, a], faces[:, b]] = graph[faces[:, b], faces[:, a]] = 1
     np.fill_diagonal(graph, 0)
+    # L = D − A, whose null space are constant fields: a translation of all vertices passes undamped.
     laplacian = np.diag(graph.sum(1)) - graph
     return np.linalg.inv(np.eye(num_vertices) + amount * laplacian)
 
@@ -83,7 +84,7 @@ def descend(
     The rate falls to a tenth along half a cosine.
 
     Args:
-        value_and_slope: Vertices → loss, what goes with it, and slope.
+        value_and_slope: Vertices → loss, anything to record with it, and slope.
         start: Vertices.
         spread: From `diffuser`.
         num_steps: Most steps, ≥ 1.
@@ -117,6 +118,7 @@ def descend(
         if loss <= target:
             reason = "the loss is as small as asked for"
             break
+        # Vertices are start + spread·moved, so the slope by `moved` is spreadᵀ·slope (chain rule).
         downhill = spread.T @ slope
         if not downhill.any():
             reason = "the loss has no slope: no vertex makes an edge of a shadow that matters; start elsewhere"
@@ -124,10 +126,11 @@ def descend(
             break
         mean = MEAN * mean + (1 - MEAN) * downhill
         square = SQUARE * square + (1 - SQUARE) * downhill**2
+        # Adam's bias-corrected root mean square, of the largest component instead of each its own.
         scale = math.sqrt(square.max() / (1 - SQUARE ** (step + 1))) + 1e-12
         moved = moved - rate * _share(step, num_steps) * mean / (1 - MEAN ** (step + 1)) / scale
     if not reason:
-        # Short steps lose little wherever they are, so what they lost is told as if they had been as long as the first.
+        # Short steps lose little wherever they are, so their loss is scaled to steps as long as the first.
         last = max(1, num_steps // 10)
         shares = sum(_share(step, num_steps) for step in range(num_steps - last, num_steps)) / last
         left = (losses[-1 - last] - losses[-1]) / losses[0] / shares

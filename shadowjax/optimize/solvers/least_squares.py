@@ -1,4 +1,4 @@
-"""Parameters recovered from a picture: damped least squares from several starts, with a report of what happened."""
+"""Levenberg–Marquardt least squares from several starts: parameters recovered from pictures, with a certificate."""
 
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
@@ -120,7 +120,7 @@ class _Way(NamedTuple):
 
 
 def _descend(residual: Residual, start: Array, target: float, max_steps: int, tolerance: float) -> _Way:
-    """From one start."""
+    """Levenberg–Marquardt from one start."""
     at, damping = start, DAMPING
     rest, slopes, loss = _evaluate(residual, at)
     require(bool(np.isfinite(loss)), f"residuals at the start {start} are not finite")
@@ -128,6 +128,7 @@ def _descend(residual: Residual, start: Array, target: float, max_steps: int, to
     reason, result = f"no end after {max_steps} steps; raise max_steps", optx.RESULTS.nonlinear_max_steps_reached
     good = optx.RESULTS.successful
     for _ in range(max_steps):
+        # Gauss–Newton: with residuals r and Jacobian J, Jᵀr is the gradient of ½|r|² and JᵀJ stands for its Hessian.
         gradient, curvature = slopes.T @ rest, slopes.T @ slopes
         scale = np.diag(curvature)
         if loss <= target:
@@ -137,7 +138,7 @@ def _descend(residual: Residual, start: Array, target: float, max_steps: int, to
             reason = "no parameter changes the residuals here; start elsewhere, or blur"
             result = optx.RESULTS.stagnation
             break
-        # A parameter without influence stays where it is.
+        # Marquardt's damping, relative to each parameter's own curvature; one without influence stays where it is.
         damped = curvature + damping * np.diag(np.maximum(scale, 1e-9 * scale.max()))
         step = -np.linalg.solve(damped, gradient)
         there = at + jnp.asarray(step, at.dtype)

@@ -37,10 +37,13 @@ def error_z(
 
     Source: warping, eq. 26 and eq. 37 · sin γ.
     """
+    # dz'/dt for t in [0, 1], the inverse of eq. 24 with the extent W in place of f − n: W(1 + u/n')²/(1 + W/n') at the
+    # offset u. Divided by n'² throughout, it stays finite as n' → ∞.
     strength = 1 / near_distance
     stretch = 1 + frustum.offset(depth, height) * strength
     extent = frustum.extent
     texel = extent * stretch * stretch / (1 + extent * strength)
+    # The pixel's beam is 2z·tan φ_y wide (eq. 17).
     return resolution_ratio * texel / (2 * depth * frustum.tan_y)
 
 
@@ -64,6 +67,7 @@ def error_x(
     Source: warping, eq. 25 with the true opening of P; equal to eq. 25 for γ = π/2 and n' ≥ n.
     """
     strength = 1 / near_distance
+    # P opens linearly in z', so a texel at offset u is 1 + u/n' times as wide as at z' = n'.
     texel = 2 * frustum.half_width(strength) * (1 + frustum.offset(depth, height) * strength)
     return resolution_ratio * texel / (2 * depth * frustum.tan_x)
 
@@ -87,6 +91,7 @@ def max_error_z(
     """
     strength, extent = 1 / near_distance, frustum.extent
     near, far = _worst(frustum, strength, section)
+    # One branch each for the near and the far plane; `larger` keeps the whole gradient of one where they tie (eq. 29).
     shape = larger(near * near / frustum.near, far * far / frustum.far)
     return resolution_ratio * extent / (1 + extent * strength) * shape / (2 * frustum.tan_y)
 
@@ -139,6 +144,8 @@ class Pieces(Checked):
         return jnp.asarray(self.powers, self.offsets.dtype)
 
 
+# Powers of the stretches of (E, F, low near edge, low far edge, W). M_z has the square of the near or far stretch over
+# 1 + W/n'. M_x has the near or far stretch over that of whichever lower edge decides P's width.
 _ALONG = ((2.0, 0.0, 0.0, 0.0, -1.0), (0.0, 2.0, 0.0, 0.0, -1.0))
 _ACROSS = tuple((near, 1.0 - near, -edge, edge - 1.0, 0.0) for edge in (1.0, 0.0) for near in (1.0, 0.0))
 _POWERS = {
@@ -161,11 +168,13 @@ def error_pieces(frustum: LightFrustum, error: str, section: Section = "axis") -
         section: "axis" or "whole" vertical section.
     """
     first, slope = frustum.worst_line(section)
+    # Values at strength 0, where all stretches are 1. `log1p` of (f − n)/n keeps the digits of thin slices.
     length = frustum.far - frustum.near
     ratio = jnp.log1p(length / frustum.near)
     texel = jnp.log(frustum.extent / (2 * frustum.tan_y * frustum.near))
     along = [texel, texel - ratio]
     zero = jnp.zeros_like(ratio)
+    # In the order of `_ACROSS`: width for the near edge, error at near, far; then width for the far edge, near, far.
     across = [zero, -ratio, ratio, zero]
     level = {
         "x": across,

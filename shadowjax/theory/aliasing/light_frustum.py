@@ -97,6 +97,7 @@ class LightFrustum(Checked):
     @property
     def low_near(self) -> Float[Array, "..."]:
         """Offset of the near plane's lowest edge above the frustum's lowest point; 0 unless γ < φ_y."""
+        # The lower edge falls along z' where its slope is negative; then the far plane holds the lowest point.
         return (self.far - self.near) * larger(-self.low_slope, 0.0)
 
     @property
@@ -107,6 +108,8 @@ class LightFrustum(Checked):
     @property
     def extent(self) -> Float[Array, "..."]:
         """W = f' − n', the frustum's length along z' (warping, eq. 36)."""
+        # The top of the far plane is the highest point for every γ in [0, π/2]: the far plane's own range 2f·tan
+        # φ_y·cos γ lies on top of its lowest edge.
         return self.low_far + 2 * self.far * self.tilt
 
     @property
@@ -123,6 +126,7 @@ class LightFrustum(Checked):
     def bounded(self, near_distance: VirtualNear) -> Float[Array, "..."]:
         """A near distance kept at or below the one that stands for ∞; infinite ones become it."""
         uniform = self.uniform_near_distance
+        # Also turns a NaN into the uniform map, since every comparison with NaN is false.
         return jnp.where(near_distance < uniform, near_distance, uniform)
 
     def ratio(self, numerator: Float[Array, "..."], denominator: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -139,6 +143,8 @@ class LightFrustum(Checked):
 
         Source: warping, eq. 35 (height 0).
         """
+        # y·cos γ + z·sin γ counted from the near plane's axis point, whose offset is low_near + n·tan φ_y·cos γ: sums
+        # of terms ≥ 0 at height 0.
         rise = (depth - self.near) * self.sine + height * jnp.cos(self.gamma)
         return self.low_near + self.near * self.tilt + rise
 
@@ -160,6 +166,7 @@ class LightFrustum(Checked):
     def slack(self, section: Section = "axis") -> Float[Array, "..."]:
         """W − 2E of a section's worst line, summed so that it keeps its digits as γ → 0."""
         require_choice(section, "section", SECTIONS)
+        # W − 2E = low_far − 2·low_near + 2(f − n)·tilt, with the sign of the lower edge's slope put in.
         axis = (self.far - self.near) * (self.sine + jnp.where(self.low_slope > 0, self.tilt, self.sine))
         return axis if section == "axis" else axis - 2 * self.near * self.tilt
 
@@ -171,6 +178,7 @@ class LightFrustum(Checked):
 
         Source: n'·tan φ'_x of warping, eq. 20, with the true opening instead of f·tan φ_x/f'.
         """
+        # The widest corners of each plane relative to P are its lowest ones, where P is narrowest.
         near, far = self.near / (1 + strength * self.low_near), self.far / (1 + strength * self.low_far)
         return self.tan_x * larger(near, far)
 

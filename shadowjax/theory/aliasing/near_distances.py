@@ -58,6 +58,7 @@ def equalising(frustum: LightFrustum, section: Section = "axis") -> Float[Array,
 
     Source: warping, eq. 39 (whose first line must read m_z).
     """
+    # (n + √(fn))·g − E rearranged: E and n·g cancel to n·e, or to f·e where the far plane holds the lowest point.
     _, slope = frustum.worst_line(section)
     edge = frustum.low_slope
     return mean_depth(frustum) * slope + jnp.where(edge >= 0, frustum.near, frustum.far) * edge
@@ -148,7 +149,9 @@ def near_distance_from_eta(frustum: LightFrustum, eta: ArrayLike) -> Float[Array
     eta = jnp.asarray(eta, dtype=frustum.near.dtype)
     eta = require_value(eta, (eta >= -1) & (eta <= 1), "eta must lie in [-1, 1]")
     near, root = frustum.near, mean_depth(frustum)
+    # Each branch is evaluated with η clipped to its own range, so that the one not taken stays finite for gradients.
     towards_psm = near * (near + root) / (near + jnp.maximum(eta, 0) * root)
+    # η = past/(n' + f − n) solved for n'; its denominator 1 + η vanishes at the uniform map, hence `ratio`.
     negative = jnp.minimum(eta, 0)
     towards_uniform = frustum.ratio(near + root - negative * (frustum.far - near), negative + 1)
     return jnp.where(eta >= 0, towards_psm, towards_uniform)

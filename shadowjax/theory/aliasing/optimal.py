@@ -61,6 +61,7 @@ def storage_minimum(frustum: LightFrustum, section: Section = "whole") -> Float[
     """The n' at which M_x·M_z is stationary beyond the equalising n'; the uniform map where it falls throughout."""
     a, b, c, root = _storage_root(frustum, section)
     # two forms of one root: the first loses digits where b < 0, the second where b > 0
+    # q = W·(−b + root)/a, and the same multiplied out by (b + root): W·c/(b + root).
     near = frustum.extent * safe_divide(c, b + root)
     away = frustum.ratio(frustum.extent * jnp.maximum(root - b, 0), a)
     return jnp.where(a > 0, jnp.where(b > 0, near, away), frustum.uniform_near_distance)
@@ -70,11 +71,13 @@ def storage_minimum(frustum: LightFrustum, section: Section = "whole") -> Float[
 def storage_strength(frustum: LightFrustum, section: Section = "whole") -> Float[Array, "..."]:
     """1/n' of `storage_minimum` where that is positive; it falls through 0 where the uniform map becomes the best."""
     a, b, c, root = _storage_root(frustum, section)
+    # The reciprocals of both forms, again the one without cancellation; a ≤ 0 needs no case, as 1/n' passes through 0.
     return jnp.where(b > 0, safe_divide(b + root, c), safe_divide(a, root - b)) / frustum.extent
 
 
 def _storage_root(frustum: LightFrustum, section: Section) -> tuple[Array, Array, Array, Array]:
     """A, B and E·o·W of the quadratic, and the root of its discriminant, in units of W: powers of lengths overflow."""
+    # Coefficients of A·q² + 2B·q − E·o·W = 0 for q/W; see `least_storage`.
     offset, _ = frustum.worst_line(section)
     low, offset = frustum.low_far / frustum.extent, offset / frustum.extent
     a = low + 1 - 3 * offset
@@ -113,14 +116,17 @@ def balanced(
 
     # o > E: bisect the monotone excess between M_x's own optimum and M_z's
     lowest = larger(frustum.near * frustum.low_slope, 1e-6 * best_z)
+    # M_x's optimum may lie beyond M_z's; the bracket then is empty and bisection returns its end.
     lowest = jnp.where(lowest < best_z, lowest, best_z)
     crossing = jnp.exp(bisect(excess, jnp.log(lowest), jnp.log(best_z)))
     # o ≤ E: (x + E/W)(x + o/W) = p·x(x + 1) with x = n'/W, larger root
     p = frustum.far * ratio_x / (ratio_z * extent / (2 * frustum.tan_y))
     first, second = offset / extent, low / extent
+    # Collected: (1 − p)x² + (E/W + o/W − p)x + E·o/W² = 0. For p ≥ 1 M_z never gets as large as M_x again.
     a, b, c = 1 - p, first + second - p, first * second
     beyond = frustum.ratio(extent * jnp.maximum(safe_sqrt(b * b - 4 * a * c) - b, 0), 2 * a)
     beyond = jnp.where(a > 0, larger(beyond, best_z), frustum.uniform_near_distance)
+    # Where M_z is the larger even at its own least, nothing can lower the maximum further.
     falls = max_error_z(frustum, best_z, section, ratio_z) >= max_error_x(frustum, best_z, section, ratio_x)
     return frustum.bounded(jnp.where(falls, best_z, jnp.where(low > offset, crossing, beyond)))
 

@@ -68,6 +68,7 @@ def overhead_s(frustum: LightFrustum, near_distance: VirtualNear, x: Numbers, de
 
     Source: warping, eq. 20 and 22; encloses the frustum for γ = π/2 and n' ≥ n only.
     """
+    # z' of the point, n' + z − n, and of the far plane, f' = n' + f − n.
     beyond = near_distance + depth - frustum.near
     full = near_distance + frustum.far - frustum.near
     return 0.5 + x * full / (2 * beyond * frustum.far * frustum.tan_x)
@@ -79,6 +80,7 @@ def overhead_t(frustum: LightFrustum, near_distance: VirtualNear, depth: Numbers
 
     Source: warping, eq. 21–22.
     """
+    # t = f'(z' − n')/(z'(f' − n')): the projective map of [n', f'] to [0, 1].
     length, offset = frustum.far - frustum.near, depth - frustum.near
     return (near_distance + length) * offset / ((near_distance + offset) * length)
 
@@ -99,6 +101,7 @@ def overhead_dt_dz(frustum: LightFrustum, near_distance: VirtualNear, depth: Num
 
     Source: warping, eq. 24.
     """
+    # dt/dz' = f'·n'/(z'²(f' − n')): the square of z' is what the perspective division costs.
     length = frustum.far - frustum.near
     return (near_distance + length) * near_distance / ((near_distance + depth - frustum.near) ** 2 * length)
 
@@ -149,6 +152,7 @@ def overhead_max_z(
     Source: warping, eq. 29.
     """
     length = frustum.far - frustum.near
+    # f'/n': at the far plane m_z has it as a factor, at the near plane as a divisor.
     stretch = (near_distance + length) / near_distance
     at_far, at_near = stretch / frustum.far, 1 / (frustum.near * stretch)
     best = frustum.near + jnp.sqrt(frustum.far * frustum.near)
@@ -179,6 +183,7 @@ def least_error_depth(frustum: LightFrustum, near_distance: VirtualNear) -> Numb
     Source: warping, eq. 38.
     """
     offset, slope = frustum.worst_line("axis")
+    # d/dz of (n' + E + sin γ·(z − n))²/z vanishes at this depth.
     sine = jnp.maximum(slope, float(jnp.finfo(slope.dtype).tiny) ** 0.25)
     return (near_distance + offset) / sine - frustum.near
 

@@ -34,6 +34,7 @@ def implicit(residual: Callable[[Array], Array], found: Float[Array, "..."]) -> 
     """
 
     def tangent(linear: Callable[[Array], Array], change: Array) -> Array:
+        # The residual acts on each element, so its Jacobian is diagonal: one product with ones is all of it.
         slope = linear(jnp.ones_like(change))
         return change / eqx.error_if(slope, jnp.any(slope == 0), _NOT_UNIQUE)
 
@@ -57,6 +58,7 @@ def bisect(
     """
     low, high = jnp.broadcast_arrays(low, high)
     fixed_low, fixed_high = jax.lax.stop_gradient((low, high))
+    # No sign change: the function is negative from the start, or positive to the end.
     below, above = decreasing(fixed_low) <= 0, decreasing(fixed_high) >= 0
 
     def halve(_: Any, ends: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -66,6 +68,7 @@ def bisect(
         return jnp.where(positive, middle, left), jnp.where(positive, right, middle)
 
     left, right = jax.lax.fori_loop(0, HALVINGS, halve, (fixed_low, fixed_high))
+    # An end that stands for the root follows that end: the residual x − low has the derivative dx = d(low).
     root = jnp.where(below, fixed_low, jnp.where(above, fixed_high, (left + right) / 2))
     return implicit(lambda x: jnp.where(below, x - low, jnp.where(above, x - high, decreasing(x))), root)
 
@@ -102,6 +105,7 @@ def least(
     def slope(x: Array, piece: Any) -> Array:
         return jax.jvp(lambda at: value(at, piece), (x,), (jnp.ones_like(x),))[1]
 
+    # The piece that is largest at x, and whether it rises there; `flat` keeps rounding from looking like a slope.
     def look(x: Array) -> tuple[Any, Array]:
         piece = active(x)
         return piece, slope(x, piece) > flat(x, piece)
@@ -110,6 +114,7 @@ def least(
         left, right, before, after = state
         middle = (left + right) / 2
         piece, up = look(middle)
+        # Where the function rises the minimum lies left: the right end moves in and brings its piece along.
         keep = lambda old, new: jnp.where(up, old, new)  # noqa: E731
         before, after = jax.tree.map(keep, before, piece), jax.tree.map(keep, piece, after)
         return keep(left, middle), keep(middle, right), before, after
@@ -123,6 +128,7 @@ def least(
     jump = jnp.abs(slope(found, before) - slope(found, after))
     kink = jump > 1e3 * float(jnp.finfo(found.dtype).eps)
 
+    # On a kink two pieces stay equal; at a smooth minimum the slope of one stays 0. Their implicit derivatives differ.
     def residual(x: Array) -> Array:
         inside = jnp.where(kink, value(x, before) - value(x, after), slope(x, before))
         return jnp.where(starts_up, x - low, jnp.where(ends_up, inside, x - high))

@@ -35,11 +35,13 @@ class Running(Checked):
         return Running(self.value - other.value, self.error + other.error)._rounded()
 
     def __mul__(self, other: "Running") -> "Running":
+        # |xy − x̂ŷ| ≤ (|x̂| + δx)·δy + |ŷ|·δx.
         crossed = (jnp.abs(self.value) + self.error) * other.error + jnp.abs(other.value) * self.error
         return Running(self.value * other.value, crossed)._rounded()
 
     def __truediv__(self, other: "Running") -> "Running":
         value = self.value / other.value
+        # The smallest that the exact divisor can be; `tiny` stands for a divisor that may be 0.
         left = jnp.maximum(jnp.abs(other.value) - other.error, float(jnp.finfo(value.dtype).tiny))
         return Running(value, (self.error + jnp.abs(value) * other.error) / left)._rounded()
 
@@ -82,6 +84,8 @@ def rounding_bound(
         objective: "z", "storage" or "both".
         section: "axis" or "whole" vertical section.
     """
+    # The operations of `LightFrustum` and of M_x and M_z repeated with bounds: lower edge, extent, worst line, errors.
+    # tan φ_x cancels between half width and pixel and is left out.
     exact = Running.exact
     near, far, tan_y = exact(frustum.near), exact(frustum.far), exact(frustum.phi_y).tan()
     gamma, phi = exact(frustum.gamma), exact(frustum.phi_y)

@@ -88,6 +88,7 @@ def given_splits(near: ArrayLike, far: ArrayLike, shares: ArrayLike) -> Splits:
     """
     given = as_float_array(shares)
     near, far, step = _range(near, far, given.shape[-1] + 1)
+    # 0 and 1 of `step` close the list, so that one test of differences covers order and range.
     steps = jnp.concatenate([step[:1], given.astype(step.dtype), step[-1:]])
     given = require_value(steps, jnp.all(jnp.diff(steps) > 0), "shares must rise between 0 and 1")
     return _ends(near + (far - near) * given, near, far)
@@ -111,6 +112,7 @@ def splits_after(near: ArrayLike, first: ArrayLike, far: ArrayLike, num_partitio
         return equal
     first = as_float_array(first, equal.dtype)
     inside = (first > equal[..., 0]) & (first < equal[..., -1])
+    # A first cut outside the range is not used, but must not reach `logarithmic_splits`, which would refuse it.
     start = jnp.where(inside, first, equal[..., 1])
     rest = logarithmic_splits(start, equal[..., -1], num_partitions - 1)
     return jnp.where(inside[..., None], jnp.concatenate([equal[..., :1], rest], axis=-1), equal)
@@ -122,12 +124,14 @@ def iterate_adaptive(
     least_share: float = 0.0,
 ) -> Splits:  # fmt: skip
     """The adaptive iteration without checks; `least_share` 0 is the source's own. See `adaptive_splits`."""
+    # Eq. 55 from the last slice to the second: each cut depends on the one behind it, which is why this is a loop.
     planes = [far]
     for i in range(ratios.shape[-1] + 1, 1, -1):
         end = planes[-1]
         equal = near * (end / near) ** ((i - 1) / i)
         cut = weight * equal + (1 - weight) * end / ratios[..., i - 2]
         if least_share > 0:
+            # The clamp, in logarithms: i − 1 slices in front of a cut keep least_share of (i − 1)/i of ln(end/n).
             cut = jnp.maximum(cut, near * (end / near) ** (least_share * (i - 1) / i))
         planes.append(cut)
     planes.append(jnp.broadcast_to(near, planes[-1].shape))

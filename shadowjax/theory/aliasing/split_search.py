@@ -39,12 +39,14 @@ def best_shares(cost: Cost, log_ratio: float, num_partitions: int, objective: st
         return equal, float(np.max(each) if objective == "max" else each[0])
     best, value = equal, float(np.sum(each))
 
+    # What m slices leave is shared equally by the other k − m; m and k − m change places, so m ≤ k/2 covers all.
     def total(first: np.ndarray, m: int) -> np.ndarray:
         second = (1 - m * first) / (k - m)
         return m * cost(first * log_ratio) + (k - m) * cost(second * log_ratio)
 
     for m in range(1, k // 2 + 1):
         grid = np.linspace(1e-4 / m, (1 - 1e-4) / m, 2001)
+        # The sum may have several valleys along the share: a fine grid picks the deepest, golden section polishes it.
         i = int(np.argmin(total(grid, m)))
         low, high = grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]
         found: Any = minimize_scalar(

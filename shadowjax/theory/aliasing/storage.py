@@ -58,6 +58,7 @@ def storage_z_partitions(frustum: LightFrustum, num_partitions: Numbers | float,
 
     Source: warping, eq. 51.
     """
+    # Eq. 31 for a slice of the ratio q, k times; a uniform map needs f_i/n_i = q times as much across.
     ratio = (frustum.far / frustum.near) ** (1 / num_partitions)
     storage = num_partitions * (ratio - 1) / (2 * frustum.tan_y)
     return storage if warped else storage * ratio
@@ -148,6 +149,7 @@ def seam_jumps(
     distance = near_distance(parts)
 
     def jump(error: Callable[..., Numbers]) -> Numbers:
+        # The same depth seen from both slices: the far plane of one, the near plane of the next.
         before = error(parts, distance, parts.far)[..., :-1]
         after = error(parts, distance, parts.near)[..., 1:]
         return jnp.maximum(after / before, before / after)
@@ -157,7 +159,7 @@ def seam_jumps(
 
 @checked
 def partitions_needed(ratio: Numbers, storage: Numbers) -> Numbers:
-    """Fewest warped slices, the light overhead, whose summed storage 2·tan φ_y·S is at most a bound above ln(f/n).
+    """Smallest number of warped slices, light overhead, whose storage 2·tan φ_y·S keeps a bound above ln(f/n).
 
     k(r^(1/k) − 1) falls with k towards ln r, so the smallest whole k is found by counting up to 64.
 
@@ -166,6 +168,7 @@ def partitions_needed(ratio: Numbers, storage: Numbers) -> Numbers:
         storage: Bound on 2·tan φ_y·S; 65 comes back where 64 slices are too few.
     """
     k = jnp.arange(1, 65, dtype=ratio.dtype)
+    # Monotone in k, so `argmax` finds the first True; expm1 keeps k(r^(1/k) − 1) exact for large k.
     enough = k * jnp.expm1(jnp.log(ratio)[..., None] / k) <= storage[..., None]
     return jnp.where(jnp.any(enough, axis=-1), jnp.argmax(enough, axis=-1).astype(ratio.dtype) + 1, 65)
 

@@ -1,4 +1,4 @@
-"""The warp strength of least worst error for measured weights: spot lights, visible pixels, any mix of points."""
+"""The perspective-warp strength 1/n' that minimises the largest weighted error of a set of points."""
 
 import jax.numpy as jnp
 
@@ -39,6 +39,7 @@ def least_worst_strength(
         extent: W, plane units.
         largest: Largest W·κ considered.
     """
+    # In x = ln(1 + W·κ) the stretch 1 + u·κ is 1 + (u/W)(eˣ − 1), and ln of each error is convex.
     share = offset / extent
     counts = weight > 0
     level = jnp.where(counts, jnp.log(jnp.where(counts, weight, jnp.ones_like(weight))), -1e30)
@@ -46,6 +47,7 @@ def least_worst_strength(
     def logs(x: Array) -> Array:
         return level + 2 * jnp.log1p(share * jnp.expm1(x)) - x
 
+    # Slopes are sums of a few terms of size ≤ 2: a few ulps of them are no slope.
     def rounding(x: Array) -> Array:
         return 4 * float(jnp.finfo(x.dtype).eps) * jnp.ones_like(share)
 
