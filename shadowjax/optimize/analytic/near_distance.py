@@ -142,19 +142,37 @@ def _search(objective: Objective, frustum: LightFrustum, section: Section) -> Ar
 
 
 @checked
-def search(frustum: LightFrustum, objective: str | Rated = "z", section: Section = "axis") -> Float[Array, ""]:
-    """n' of one frustum by bisecting the sign of the objective's slope along ln n'; no closed form is used.
+def search(frustum: LightFrustum, objective: str | Rated = "z", section: Section = "axis") -> Float[Array, "..."]:
+    """n' of every view by bisecting the sign of the objective's slope along ln n'; no closed form is used.
 
     Every objective here falls, then rises, along n', or only falls, towards the uniform map. The optimum carries its
     implicit derivative: at a smooth minimum from the slope, at a kink from the two pieces that meet there.
     """
-    return _search(objective_of(objective), frustum, section)
+    objective_of(objective)
+    return _search_each(frustum, objective, section)
+
+
+# One program, whatever the number of views: called as they stand, hundreds of small ones would be compiled.
+@eqx.filter_jit
+def _search_each(frustum: LightFrustum, objective: str | Rated, section: Section) -> Array:
+    asked = objective_of(objective)
+    return frustum.each(lambda one: _search(asked, one, section))
 
 
 @checked
 def solve(frustum: LightFrustum, objective: str | Rated = "z", section: Section = "axis") -> NearDistance:
-    """Search and certificate of one frustum; `jit` and `vmap` it for many."""
+    """Search and certificate of every view."""
+    objective_of(objective)
+    return _solve_each(frustum, objective, section)
+
+
+@eqx.filter_jit
+def _solve_each(frustum: LightFrustum, objective: str | Rated, section: Section) -> NearDistance:
     asked = objective_of(objective)
+    return frustum.each(lambda one: _solve(one, asked, section))
+
+
+def _solve(frustum: LightFrustum, asked: Objective, section: Section) -> NearDistance:
     distance = _search(asked, frustum, section)
     value = lambda q: asked.value(q, frustum, section)  # noqa: E731
     best, published, flat = value(distance), generalised(frustum), 1e-3 * frustum.uniform_near_distance
@@ -182,14 +200,6 @@ def solve(frustum: LightFrustum, objective: str | Rated = "z", section: Section 
     stands = (below <= 1e3 * step) & ((above >= -1e3 * step) | (distance > flat))
     baselines = {"published": value(published), "uniform": value(frustum.uniform_near_distance)}
     return Solution(distance, best, baselines, certificate, ended(jnp.isfinite(best) & stands), frustum, KIND)
-
-
-@eqx.filter_jit
-def _solve_all(frustum: LightFrustum, objective: str | Rated, section: Section) -> NearDistance:
-    shape = jnp.broadcast_shapes(*(x.shape for x in jax.tree.leaves(frustum)))
-    flat = jax.tree.map(lambda x: jnp.broadcast_to(x, shape).reshape(-1), frustum)
-    found = jax.vmap(lambda one: solve(one, objective, section))(flat)
-    return jax.tree.map(lambda x: x.reshape(shape), found)
 
 
 @checked
@@ -226,8 +236,7 @@ def near_distance(
     Source: warping, eq. 37–42; the optima below γ_lim and over the whole section are derived here.
     """
     checked: Section = require_choice(section, "section", SECTIONS)
-    objective_of(objective)
-    return _solve_all(LightFrustum.create(near, far, phi, gamma), objective, checked)
+    return solve(LightFrustum.create(near, far, phi, gamma), objective, checked)
 
 
 __all__ = [

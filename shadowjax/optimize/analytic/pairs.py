@@ -123,8 +123,21 @@ class _Pair(eqx.Module):
 def solve(
     view: LightFrustum, num_partitions: int, objective: str = "max", warp: str = "uniform", section: Section = "axis"
 ) -> Solution[Slices, PairCertificate]:
-    """Planes and certificate of one view; `jit` and `vmap` it for many."""
-    k, dtype = num_partitions, view.near.dtype
+    """Planes and certificate of every view; planes stand along a last axis of their own."""
+    return _solve_each(view, num_partitions, objective, warp, section)
+
+
+@eqx.filter_jit
+def _solve_each(
+    view: LightFrustum, k: int, objective: str, warp: str, section: Section
+) -> Solution[Slices, PairCertificate]:
+    return view.each(lambda one: _solve(one, k, objective, warp, section))
+
+
+def _solve(
+    view: LightFrustum, k: int, objective: str, warp: str, section: Section
+) -> Solution[Slices, PairCertificate]:
+    dtype = view.near.dtype
     span = jnp.log1p((view.far - view.near) / view.near)
     lengths = jnp.full(k, 1 / k, dtype) * span
     baselines = equal_ratios(view, k, objective, warp, section)
@@ -149,16 +162,4 @@ def solve(
     return Solution(value, storage, baselines, certificate, ended(jnp.isfinite(storage)), view, KIND)
 
 
-@checked
-@eqx.filter_jit
-def solve_all(
-    view: LightFrustum, k: int, objective: str, warp: str, section: Section
-) -> Solution[Slices, PairCertificate]:
-    """`solve` of every view."""
-    shape = jnp.broadcast_shapes(*(x.shape for x in jax.tree.leaves(view)))
-    flat = jax.tree.map(lambda x: jnp.broadcast_to(x, shape).reshape(-1), view)
-    found = jax.vmap(lambda one: solve(one, k, objective, warp, section))(flat)
-    return jax.tree.map(lambda x: x.reshape(*shape, *x.shape[1:]), found)
-
-
-__all__ = ["PairCertificate", "solve", "solve_all"]
+__all__ = ["PairCertificate", "solve"]

@@ -64,7 +64,7 @@ def splits(
     if seam_limit is not None or warp == "free":
         return joint_splits(near, far, phi, gamma, num_partitions, objective, warp, seam_limit, section)
     k = require_int(num_partitions, "the number of partitions k", 1)
-    return pairs.solve_all(LightFrustum.create(near, far, phi, gamma), k, objective, warp, checked)
+    return pairs.solve(LightFrustum.create(near, far, phi, gamma), k, objective, warp, checked)
 
 
 __all__ = ["splits"]

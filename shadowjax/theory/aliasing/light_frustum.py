@@ -1,8 +1,10 @@
 """The camera frustum as the light sees it: offsets, extents and half widths in the warping chapter's light space."""
 
 import math
-from typing import Annotated, Literal
+from collections.abc import Callable
+from typing import Annotated, Literal, TypeVar
 
+import jax
 import jax.numpy as jnp
 
 from shadowjax._checked import Checked, checked
@@ -14,6 +16,9 @@ Section = Literal["axis", "whole"]
 SECTIONS: tuple[Section, ...] = ("axis", "whole")
 # A near distance n' of infinity is the uniform map.
 VirtualNear = Annotated[Float[Array, "..."], MAY_BE_INFINITE]
+
+
+_Result = TypeVar("_Result")
 
 
 class LightFrustum(Checked):
@@ -111,6 +116,14 @@ class LightFrustum(Checked):
         # The top of the far plane is the highest point for every γ in [0, π/2]: the far plane's own range 2f·tan
         # φ_y·cos γ lies on top of its lowest edge.
         return self.low_far + 2 * self.far * self.tilt
+
+    def each(self, function: Callable[["LightFrustum"], _Result]) -> _Result:
+        """What a function of one frustum, whose fields are numbers, gives for every view, along its first axes."""
+        shape = jnp.broadcast_shapes(*(x.shape for x in jax.tree.leaves(self)))
+        if not shape:
+            return function(self)
+        flat = jax.tree.map(lambda x: jnp.broadcast_to(x, shape).reshape(-1), self)
+        return jax.tree.map(lambda x: x.reshape(*shape, *x.shape[1:]), jax.vmap(function)(flat))
 
     @property
     def gamma_limit(self) -> Float[Array, "..."]:
