@@ -121,7 +121,9 @@ def telling_block(hard: Image, composite: Image, valid: Mask) -> tuple[int, int]
     share = blocks(hard).mean((-2, -1))
     good = np.logical_and.reduce([*has, blocks(valid).all((-2, -1)), share > 0.3, share < 0.7])
     if not good.any():
-        raise Unsuitable("the detail shows no shadow edge: no 3 × 3 pixels hold lit, half lit and dark; move it or take fewer pixels")
+        raise Unsuitable(
+            "the detail shows no shadow edge: no 3 × 3 pixels hold lit, half lit and dark; move it or take fewer pixels"
+        )
     rows, cols = np.nonzero(good)
     away = (rows - good.shape[0] / 2) ** 2 + (cols - good.shape[1] / 2) ** 2
     return int(rows[away.argmin()]), int(cols[away.argmin()])
