@@ -63,7 +63,7 @@ class SlopeScaled(BiasRule):
 
 
 class NormalOffset(BiasRule):
-    """Reads the map at a point moved along the receiver's normal instead of forgiving depth.
+    """Reads the map at a point moved along the receiver's normal, with no depth tolerance.
 
     Moved by h, a point lies h / cos θ in front of its own plane along the light, θ being the incidence. A plane is
     free of acne from h = ρ·(|n·w_s| + |n·w_t|) on, with the filter's reach ρ and the world vectors w of a texel: at
@@ -91,7 +91,7 @@ class NormalOffset(BiasRule):
         return cls(_not_negative(value, "normal offset"), unit, by_sine)
 
     def apply(self, grid: RayGrid, points: Points, normals: Points) -> BiasedReceiver:
-        """The moved receivers; no depth is forgiven."""
+        """The moved receivers, without a depth tolerance."""
         length = jnp.broadcast_to(self.value.astype(points.dtype), points.shape[:-1])
         if self.unit == "texel":
             length = length * texel_size(grid, points)
@@ -111,8 +111,8 @@ class ReceiverPlane(BiasRule):
     Filters that read maps filtered beforehand have no taps to test and do not take it.
 
     Attributes:
-        constant: Depth forgiven besides, world units.
-        slope: Depth forgiven besides, texels of slope. A multi-depth map needs its policy's radius: extra depths come
+        constant: Additional depth tolerance, world units.
+        slope: Additional depth tolerance, texels of slope. A multi-depth map needs its policy's radius: extra depths come
             from other texels than the one they are kept in.
     """
 

@@ -1,4 +1,4 @@
-"""Bias with a meaning: how much depth the shadow test forgives, in world units, texels or texels of slope."""
+"""Shadow bias with explicit units: depth tolerance in world units, texels, or slope-scaled texels."""
 
 from abc import abstractmethod
 from typing import ClassVar
@@ -24,7 +24,7 @@ class BiasedReceiver(Checked):
 
     Attributes:
         points: Where the map is read; the receivers themselves unless they are offset.
-        depth: Depth forgiven, world units.
+        depth: Depth tolerance, world units.
         follows_plane: Whether every tap is tested against the receiver's own plane instead of its depth.
     """
 
@@ -40,7 +40,7 @@ class BiasRule(Checked):
 
     @abstractmethod
     def apply(self, grid: RayGrid, points: Points, normals: Points) -> BiasedReceiver:
-        """What is forgiven at each receiver.
+        """The bias at each receiver.
 
         Args:
             grid: The light rays of the map.
@@ -50,7 +50,7 @@ class BiasRule(Checked):
 
 
 class Bias(BiasRule):
-    """Depth that the shadow test forgives; it belongs to the test, never to the stored depth.
+    """Depth tolerance of the shadow test; it belongs to the test, never to the stored depth.
 
     Attributes:
         value: Amount in `unit`.
@@ -130,6 +130,7 @@ def plane_gradient(
     cells = grid.cell_vectors(points)
     cosine = dot(normals, grid.space.to_source(points))
     least = jnp.finfo(points.dtype).eps
+    # A grazing light has δ → ∞: the divisor is kept from 0 and the quotient from more than `limit` texels.
     safe = jnp.where(jnp.abs(cosine) < least, least, cosine)
     largest = limit * jnp.maximum(norm(cells[0]), norm(cells[1]))
     changes = [jnp.clip(dot(normals, cell) / safe, -largest, largest) for cell in cells]
@@ -150,7 +151,7 @@ def depth_slope(grid: RayGrid, points: Points, normals: Points, limit: float = M
         limit: Largest change, texels.
 
     Returns:
-        Non-negative depth, limited to 16 texels (an incidence of 86°), also where the surface is parallel to the light.
+        Non-negative depth, limited to `limit` texels (16: an incidence of 86°), also where the surface is parallel to the light.
     """
     across, down = grid.cell_vectors(points)
     cosine = jnp.abs(dot(normals, grid.space.to_source(points)))
@@ -192,6 +193,7 @@ def depth_change(
     change = reach * depth_slope(grid, points, normals, limit)
     # What rounding makes of the difference of two places; where nothing bends, the derivative's answer stands.
     rounding = 2 * jnp.finfo(points.dtype).eps * grid.far
+    # To each corner of the reach at the receiver's depth, and from there along the corner's own ray onto the plane.
     for corner in ((-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)):
         moved = grid.point(position + jnp.abs(reach)[..., None] * jnp.asarray(corner, points.dtype), depth)
         cosine = dot(facing, grid.space.to_source(moved))

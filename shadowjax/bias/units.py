@@ -1,4 +1,4 @@
-"""A bias in world, texel, slope, normal-offset or depth-buffer (NDC) units: what one means in another."""
+"""Conversion of a bias between world, texel, slope, normal-offset and depth-buffer (NDC) units."""
 
 from collections.abc import Sequence
 
@@ -51,6 +51,7 @@ class DepthBuffer(Checked):
         """Depth-buffer value of a distance: 0 (or −1) at near, 1 at far."""
         share = (distance - self.near) / (self.far - self.near)
         if self.encoding == "reciprocal":
+            # z/w of a perspective projection: f(d − n)/(d(f − n)), whose derivative n·f/(d²(f − n)) `rate` gives.
             share = share * self.far / distance
         return self.span * share + (1.0 - self.span)
 
@@ -103,6 +104,8 @@ class BiasScale(Checked):
         in_range = (incidence >= 0) & (incidence < jnp.pi / 2)
         incidence = require_value(incidence, in_range, "incidence must lie in [0, π/2) radians")
         azimuth = jnp.asarray(azimuth, texel.dtype)
+        # A plane that descends by tan θ along the azimuth changes by |cos| and |sin| of it along the axes, which add
+        # up.
         spread = jnp.abs(jnp.cos(azimuth)) + jnp.abs(jnp.sin(azimuth))
         slope = texel * jnp.tan(incidence.astype(texel.dtype)) * spread
         distance = jnp.asarray(distance, texel.dtype)

@@ -57,6 +57,7 @@ def mip_levels(planes: Float[Array, "n rows cols"], num_levels: int | None = Non
         ValueError: If there are fewer levels than asked for.
     """
     require(min(planes.shape[-2:]) >= 1, f"mip level 0 is empty: got a map of {planes.shape[-2]} × {planes.shape[-1]}")
+    # ⌈log₂ side⌉ halvings bring the longer side to one texel.
     available = 1 + (max(planes.shape[-2:]) - 1).bit_length()
     wanted = available if num_levels is None else require_int(num_levels, "num_levels", 1)
     require(
@@ -84,6 +85,7 @@ def _joined(levels: Levels) -> Pyramid:
 def _halved(planes: Array) -> Array:
     num, rows, cols = planes.shape
     even = jnp.pad(planes, ((0, 0), (0, rows % 2), (0, cols % 2)), mode="edge")
+    # Axes 2 and 4 run within a block.
     blocks = even.reshape(num, even.shape[1] // 2, 2, even.shape[2] // 2, 2)
     return jnp.mean(blocks, axis=(2, 4))
 
@@ -129,6 +131,8 @@ def read_trilinear(
 
 def _read_level(pyramid: Pyramid, position: Array, level: Int[Array, "*points"], border: str) -> list[Array]:
     """Bilinear read of a level that may differ from point to point."""
+    # All levels lie in one row of texels, so that a level may be an array: its start and size are looked up, and each
+    # read is one gather.
     sizes = jnp.asarray(pyramid.shapes, jnp.int32)
     starts = jnp.concatenate([jnp.zeros(1, jnp.int32), jnp.cumsum(sizes[:, 0] * sizes[:, 1], dtype=jnp.int32)])
     num_rows, num_cols, start = sizes[level, 0], sizes[level, 1], starts[level]
@@ -156,6 +160,8 @@ def footprint_axes(footprint: Float[Array, "*points 2 2"]) -> tuple[Float[Array,
     Returns:
         Unit direction of the longer axis, and both diameters, texels: the singular values of the footprint.
     """
+    # J·Jᵀ = [[a, b], [b, c]]: its eigenvalues are the squares of the half axes, its first eigenvector lies at
+    # ½·atan2(2b, a − c).
     a = jnp.sum(footprint[..., 0, :] ** 2, axis=-1)
     c = jnp.sum(footprint[..., 1, :] ** 2, axis=-1)
     b = jnp.sum(footprint[..., 0, :] * footprint[..., 1, :], axis=-1)
@@ -197,6 +203,7 @@ def read_anisotropic(
     """
     num = require_int(max_anisotropy, "max_anisotropy", 1)
     axis, longer, shorter = footprint_axes(footprint)
+    # An ellipse longer than `num` of its widths takes a level as coarse as its length over `num`.
     level = jnp.log2(jnp.maximum(jnp.maximum(shorter, longer / num), 1.0))
 
     def step(sums: list[Array], along: Array) -> tuple[list[Array], None]:

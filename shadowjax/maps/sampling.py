@@ -49,6 +49,8 @@ def read_texels(
 @checked
 def fold(col: Array, row: Array, num_cols: int | Array, num_rows: int | Array) -> tuple[Array, Array]:
     """Texel inside an octahedral map that continues a texel just outside: beyond an edge the square is turned over."""
+    # Beyond a side, the texel at the same distance within it, at the row mirrored about the middle of the edge; then
+    # the same across the ends.
     over_side = (col < 0) | (col >= num_cols)
     row = jnp.where(over_side, num_rows - 1 - row, row)
     col = jnp.where(col < 0, -1 - col, jnp.where(col >= num_cols, 2 * num_cols - 1 - col, col))

@@ -20,8 +20,8 @@ class ShadowMap(Checked):
         grid: The light rays the map samples.
         depth: Distance along each ray, world units, `depth[t_index, s_index]`; the grid's `far` where nothing is hit.
         face: Triangle seen by each texel, -1 where nothing is hit.
-        outlines: Where outlines cross texels, for filters that average codes over a texel's area; None if a texel knows
-            the ray through its centre alone.
+        outlines: Where outlines cross texels, for filters that average values over a texel's area; None if a texel
+            knows the ray through its centre alone.
     """
 
     grid: RayGrid

@@ -1,4 +1,4 @@
-"""Summed-area tables that keep precision: the mean over any box from sixteen reads, also in float32 and at 4096²."""
+"""Summed-area tables in double-word sums: the mean over any box from sixteen reads, precise in float32 at 4096²."""
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +22,7 @@ def _two_sum(a: Array, b: Array) -> Pair:
 
 
 def _add(a: Pair, b: Pair) -> Pair:
+    # Double-double addition: the exact error of the high parts joins the low ones, then both are made disjoint again.
     total, error = _two_sum(a[0], b[0])
     rest = error + (a[1] + b[1])
     high = total + rest
@@ -47,6 +48,7 @@ def summed_area_table(planes: Float[Array, "n rows cols"]) -> Table:
 
     Source: filtering, eq. 2.10 (inclusive; here entry (i, j) sums the texels *before* row i and column j).
     """
+    # Prefix sums along columns, then rows; pairs add associatively but for their last digits.
     pair = (planes, jnp.zeros_like(planes))
     for axis in (2, 1):
         pair = jax.lax.associative_scan(_add, pair, axis=axis)
@@ -104,6 +106,7 @@ def read_box_mean(
     for line in entries[1:]:
         boxes = []
         for k in range(1, 4):
+            # Sum from line 0 to this row and from line 0 to column k: four entries of the table.
             box = _subtract(_subtract(line[k], line[0]), _subtract(entries[0][k], entries[0][0]))
             boxes.append(box[0] + box[1])
         along_rows.append(_cut(boxes, col_parts))
@@ -125,6 +128,7 @@ def _box_along(centre: Array, size: Array, length: int) -> tuple[list[Array], tu
 def _cut(values: list[Array], parts: tuple[Array, Array]) -> Array:
     """Integral between two ends, from the anchored sums at lines 1, 2 and 3 (that of line 0 is 0)."""
     next_to_first, last, beyond = values
+    # The integral is linear between lines: F(end) − F(start), with F = 0 on line 0.
     return last + parts[1] * (beyond - last) - parts[0] * next_to_first
 
 

@@ -78,7 +78,7 @@ class Cascades(Partition):
         first: The first cut of the rule "first", world units; the other slices have equal ratios. Beyond the range it
             is left out, and all ratios are equal.
         margin: Texels beyond every edge of a slice that its uniform map has for filters to read, ≥ 0; a technique sets
-            it by `reaching`.
+            it by `with_margin`.
     """
 
     num_partitions: int = eqx.field(static=True, default=4)
@@ -221,6 +221,7 @@ class Cascades(Partition):
     def _bands(self, planes: Splits) -> Float[Array, "cuts"]:
         """Depth at which each slice but the first begins to fade in."""
         cuts = planes[1:-1]
+        # A share of the slice's range of ln z: at 0 the band has no width, at 1 it fills the slice.
         return cuts * (planes[:-2] / cuts) ** self.blend
 
     @property
@@ -234,6 +235,7 @@ class Cascades(Partition):
             return jnp.zeros(points.shape[:-1], jnp.int32)
         if self.choose == "depth" or self.blend > 0:
             planes = self._placed_planes()
+            # Where both shares are ½: they change linearly in ln z between band and cut.
             middle = jnp.sqrt(self._bands(planes) * planes[1:-1])
             depth = camera.to_view(points)[..., 2]
             return jnp.sum(depth[..., None] >= middle, axis=-1, dtype=jnp.int32)
@@ -260,6 +262,7 @@ class Cascades(Partition):
             arrived = [
                 jnp.clip(jnp.log(depth / bands[i]) / jnp.log(cuts[i] / bands[i]), 0, 1) for i in range(len(grids) - 1)
             ]
+            # How far each slice has faded in; differences of neighbours are shares, so they sum to 1.
             reached = [jnp.ones_like(depth), *arrived, jnp.zeros_like(depth)]
             shares = tuple(reached[i] - reached[i + 1] for i in range(len(grids)))
         if self.distance is None:

@@ -38,7 +38,7 @@ class CubeMap(Partition):
     For a directional light all rays are parallel and one map serves: the cube is then `SingleMap`.
 
     Attributes:
-        margin: Texels that each map has beyond every edge of its face, ≥ 0; a technique sets it by `reaching`.
+        margin: Texels that each map has beyond every edge of its face, ≥ 0; a technique sets it by `with_margin`.
 
     Source: stencil, section 2 says that a light that shines everywhere needs several maps; margins are derived here.
     """

@@ -76,6 +76,7 @@ class FacePartition(Partition):
         inside = []
         for i in range(4):
             first, last = ends[i], ends[(i + 1) % 4]
+            # How far the point lies inside both sides of the wedge, whichever way its sides turn.
             turn = jnp.sign(_cross(first, last))
             depth = jnp.minimum(
                 _cross(first / _length(first), offset) * turn, _cross(offset, last / _length(last)) * turn
@@ -116,6 +117,7 @@ def face_near_distance(low: Numbers, start: Numbers, length: Numbers, near: Numb
     offset, extent = start - low, length - low
     # √f − √n as (f − n)/(√f + √n), which keeps its digits in thin slices
     sums = jnp.sqrt(far) + jnp.sqrt(near)
+    # (q + s − low)²/n = (q + l − low)²/f at both ends of the stretch, solved for q.
     equalising = (length * jnp.sqrt(near) - start * jnp.sqrt(far)) * sums / (far - near) + low
     slack = extent - 2 * offset
     largest = extent * (4 / float(jnp.finfo(extent.dtype).eps))  # the uniform map to the last bit
@@ -141,6 +143,7 @@ def face_warp(
     first, last = far * ends[face], far * ends[(face + 1) % 4]
     middle = (first + last) / 2
     edge = last - first
+    # Perpendicular to the far edge, away from O.
     axis = jnp.stack([edge[1], -edge[0]]) / _length(edge)
     axis = axis * jnp.where(dot(axis, middle) < 0, -1.0, 1.0).astype(axis.dtype)
     # what stands in for a side that is not used: any region with an area
@@ -170,6 +173,7 @@ def skewed_warp(
     lowest = jnp.min(along)
     extent = jnp.max(along) - lowest
     slope = dot(middle, turned) / dot(middle, axis)
+    # The centre n' behind the lowest line, on the line from O; a far centre needs no skew that would lose digits.
     behind = jnp.minimum(1 / strength, FARTHEST_CENTRE * extent)
     centre = dot(apex, turned) + slope * (lowest - behind - dot(apex, axis))
     across = (points @ turned - centre) / (1 + (along - lowest) * strength)
@@ -193,6 +197,7 @@ def _applies(space: LightSpace, camera: Camera) -> Bool[Array, "4"]:
     deeper = jnp.where(dot(travel, camera.forward) < 0, -travel, travel)
     half = camera.half_size
     zero, one = jnp.zeros((), half.dtype), jnp.ones((), half.dtype)
+    # Normals of |x| = half_x·z and |y| = half_y·z in the camera's frame; a ray enters where it runs against one.
     outward = jnp.stack(
         [
             jnp.stack([zero, -one, -half[1]]), jnp.stack([one, zero, -half[0]]),

@@ -105,6 +105,7 @@ def seen_splits(
     filled = jnp.where(filled[-1] > 0, filled / jnp.maximum(filled[-1], 1), jnp.linspace(0, 1, NUM_BINS + 1))
     # an infinitesimal slope where nothing is seen makes the inverse of the cumulative share unique
     filled = (filled + 1e-6 * jnp.linspace(0, 1, NUM_BINS + 1, dtype=span.dtype)) / (1 + 1e-6)
+    # The inverse of the cumulative share at i/k: equal weight between neighbouring cuts.
     cuts = jnp.interp(equal, filled, jnp.linspace(0, 1, NUM_BINS + 1, dtype=span.dtype))
     return _planes(jax.lax.stop_gradient(_spread(cuts, 0.2 / k)), low, high, span)
 

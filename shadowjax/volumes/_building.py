@@ -1,4 +1,4 @@
-"""The build of a BSP tree on the host: which plane parts each group of polygons, chosen among some of their own."""
+"""The build of a BSP tree on the host: the splitting plane of each group of polygons, chosen among some of their own."""
 
 from dataclasses import dataclass
 
@@ -51,6 +51,7 @@ def grow(cutter: Cutter, rings: list[Ring], sources: np.ndarray, balance: float,
         group, parent, in_front = waiting.pop()
         tried = pool.candidates(group, candidates, rng)
         ahead, behind = pool.sides(group, tried)
+        # A polygon is cut where it reaches both sides; the lean is how many more lie in front than behind.
         lean = np.sum(ahead & ~behind, axis=0) - np.sum(behind & ~ahead, axis=0)
         best = int(np.argmin((1.0 - balance) * np.sum(ahead & behind, axis=0) + balance * np.abs(lean)))
         ahead, behind = ahead[:, best], behind[:, best]

@@ -1,4 +1,4 @@
-"""BSP trees: polygons parted once by planes of their own, then sorted for any eye and chosen for any light."""
+"""BSP trees of polygons: built once, then a back-to-front order for any eye and a visible set for any light."""
 
 import math
 from collections.abc import Sequence
@@ -214,6 +214,7 @@ def _planes(points: np.ndarray, rings: list[list[int]], tolerance: float) -> tup
     )
     where = points[corners]
     relative = where - where[:, :1]
+    # Area vectors of the fan around corner 0; their sum is the polygon's, also for corners that repeat.
     turns = np.cross(relative, np.roll(relative, -1, axis=1))
     normals = turns.sum(axis=1)
     length = np.linalg.norm(normals, axis=1)
@@ -249,6 +250,7 @@ def _packed(grown: Grown, cutter: Cutter, dropped: tuple[int, ...], dtype: DType
     own = np.bincount(node, minlength=len(parent))
     below = np.zeros((2, len(parent)), int)  # behind, ahead
     depth = np.ones(len(parent), int)
+    # Parents come before children: one backward pass sums subtrees, one forward pass counts depths.
     for child in range(len(parent) - 1, 0, -1):
         below[int(in_front[child]), parent[child]] += own[child] + below[:, child].sum()
     for child in range(1, len(parent)):

@@ -75,6 +75,7 @@ def _count(regions: Regions, points: Array, counts: Array, frame: Array) -> Arra
 
     k = regions.sides.shape[1]
     numbers = regions.planes.reshape(-1, 4 * k)[order].T
+    # What a loop step reads of a region lies in one column: tile ranges as two halves of a word, sides as bits.
     bits = jnp.sum(regions.sides.astype(jnp.uint32) << jnp.arange(k, dtype=jnp.uint32), axis=1, dtype=jnp.uint32)
     weights = lax.bitcast_convert_type(regions.weights, jnp.uint32)
     work = jnp.stack([halves(first_row, last_row), halves(first_col, last_col), bits, weights])[:, order]
@@ -103,6 +104,7 @@ def _walk(
         wrong = jnp.zeros(px.shape, bool)
         for k in range(numbers.shape[0] // 4):
             a, b, c, d = (number(numbers, 4 * k + i, w) for i in range(4))
+            # A point is outside as soon as one plane has it on the wrong side.
             wrong |= (a * px + b * py + c * pz + d >= 0) ^ ((bits >> k) & 1 == 1)
         weight = lax.bitcast_convert_type(number(work, 3, w), jnp.int32)
         added = line(total, index) + jnp.where(wrong, 0, weight)
@@ -133,6 +135,7 @@ def _spans(seen: Float[Array, "rows cols 3"], counts: Bool[Array, "rows cols"]) 
         spare = -low.shape[0] % side
         low = jnp.min(jnp.pad(low, (0, spare), constant_values=jnp.inf).reshape(-1, side), axis=1)
         high = jnp.max(jnp.pad(high, (0, spare), constant_values=-jnp.inf).reshape(-1, side), axis=1)
+        # Made monotone along the row: then both ends of any interval are found by binary search.
         spans.append(Spans(lax.cummax(high), lax.cummin(low, reverse=True)))
     return spans[0], spans[1]
 
@@ -150,6 +153,7 @@ def _outlines(corners: Float[Array, "n 4 3"]) -> tuple[Float[Array, "2 n"], Floa
             leaves = in_front[:, i] != in_front[:, j]
             a, b = corners[:, i], corners[:, j]
             sign = jnp.where(in_front[:, i], 1, -1)[:, None]
+            # Direction in which the projected edge leaves the image as its depth falls to 0.
             towards = sign * (b[:, :2] * a[:, 2:] - a[:, :2] * b[:, 2:])
             low = jnp.where(leaves[:, None] & (towards < 0), -endless, low)
             high = jnp.where(leaves[:, None] & (towards > 0), endless, high)

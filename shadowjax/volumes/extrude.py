@@ -109,6 +109,7 @@ def face_signs(
     """
     require_choice(casters, "casters", CASTERS)
     a, b, c = (vertices[faces[:, k]] for k in range(3))
+    # (b − a) × (c − a)·(l − w·a): the homogeneous light's side of the face's plane.
     sign = -jnp.sign(inner(cross(b - a, c - a), at_infinity(a, light))).astype(jnp.int32)
     return sign if casters == "both" else jnp.maximum(sign, 0)
 

@@ -97,6 +97,7 @@ class Boundary(Checked):
         planes = [_through_eye(part) for part in (self.lines[first], self.lines[second], self.fronts)]
         sides = [~front_side, front_side, front_side]
         outline = jnp.stack([self.corners[first], self.corners[second], self.away[second], self.away[first]], axis=1)
+        # Seen from its other side a wall is crossed the other way: its weight changes sign with the eye's side.
         return _crossed(planes, sides, self.walls, jnp.where(front_side, total, -total), outline, beyond)
 
     def cap_regions(self, beyond: bool) -> Regions:
@@ -112,6 +113,7 @@ class Boundary(Checked):
     def far_regions(self) -> Regions:
         """Directions that end inside a volume: its cap at infinity. A directional light's has no extent."""
         planes, sides = self._side_planes()
+        # Two empty planes bring the number of planes to that of walls, so that lists can be joined.
         zero = jnp.zeros_like(planes[0])
         planes = [_through_eye(plane[:, :3]) for plane in planes] + [zero, zero]
         sides = [*sides, jnp.ones_like(sides[0]), jnp.ones_like(sides[0])]

@@ -26,6 +26,7 @@ def on_surface(grid: RayGrid, points: Points, normals: Points) -> tuple[Points, 
     along = grid.space.to_source(points)
     cosine = dot(normals, along)
     cosine = jnp.where(cosine < 0, jnp.minimum(cosine, -LEAST_COSINE), jnp.maximum(cosine, LEAST_COSINE))
+    # A cell's step at constant depth, moved along the ray back onto the receiver's plane.
     first, second = (step - along * (dot(normals, step) / cosine)[..., None] for step in grid.cell_vectors(points))
     return first, second
 
@@ -33,6 +34,7 @@ def on_surface(grid: RayGrid, points: Points, normals: Points) -> tuple[Points, 
 @checked
 def singular_values(matrix: Float[Array, "*points 2 2"]) -> tuple[Span, Span]:
     """Larger and smaller singular value of 2 × 2 matrices, from norm and determinant; finite gradients."""
+    # σ₁² + σ₂² = ‖M‖² and σ₁σ₂ = |det M|, so (σ₁ ± σ₂)² = ‖M‖² ± 2|det M|.
     square = jnp.sum(matrix * matrix, axis=(-1, -2))
     twice = 2 * jnp.abs(matrix[..., 0, 0] * matrix[..., 1, 1] - matrix[..., 0, 1] * matrix[..., 1, 0])
     wide, narrow = safe_sqrt(square + twice), safe_sqrt(square - twice)

@@ -17,7 +17,7 @@ TILE_BYTES = 2 * INTERVAL_BYTES
 class PageTable(Checked):
     """The finest resident tile at every place, as intervals of the Z-order curve.
 
-    Along the curve a tile of a quadtree is an interval, and the intervals of two tiles are nested or apart. "The finest
+    Along the curve a tile of a quadtree is an interval, and the intervals of two tiles are nested or disjoint. "The finest
     tile that holds this place" is then constant between at most 2K + 1 sorted numbers for K tiles, so a search by
     halves finds it: no pointers, no walk down a tree, and no array changes its shape when tiles come and go.
 
@@ -58,6 +58,7 @@ class PageTable(Checked):
         begin, end = np.searchsorted(bounds, first), np.searchsorted(bounds, last)
         for level in np.unique(keys[slots, 0]):  # finer tiles over coarser ones; those of one level never meet
             chosen = keys[slots, 0] == level
+            # All tiles of a level at once: the intervals begin … end of each, written out one after the other.
             length = (end - begin)[chosen]
             offset = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)
             page[np.repeat(begin[chosen], length) + offset] = np.repeat((slots[chosen] << LEVEL_BITS) | level, length)

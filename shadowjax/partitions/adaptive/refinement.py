@@ -74,6 +74,7 @@ def wishes(
     lacking = needed > level
     place, cell, level, needed = (part[lacking] for part in (place, cell, level, needed))
     target = np.minimum(needed, level + step).astype(np.int64)
+    # The leading bits of a place on the curve name the tile of a level; level and name make one sortable number.
     prefix = place.astype(np.int64) >> (2 * (MAX_LEVEL - target))
     name, first, benefit = np.unique((target << 32) | prefix, return_index=True, return_counts=True)
     x, y = deinterleaved((name & 0xFFFFFFFF).astype(np.int32))
@@ -81,6 +82,7 @@ def wishes(
     slots, index = np.unique(cell[first], return_inverse=True)
     required = np.bincount(index, minlength=len(slots)) * tile_texels
     ratio = np.bincount(index, benefit, len(slots)) / refinement_cost(required, per_texel, fixed)
+    # By the cell's ratio, then cell by cell, then by benefit: the last key of `lexsort` counts first.
     order = np.lexsort((-benefit, cell[first], -ratio[index]))
     parts = (keys, benefit.astype(np.int32), cell[first], required[index], ratio[index])
     return Wishes(*(part[order] for part in parts))

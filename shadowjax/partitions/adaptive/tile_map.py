@@ -86,6 +86,7 @@ class AdaptiveMap(Checked):
         slot, level = self.table.find(square)
         across = (self.cells(level) * self.tile_size)[..., None]
         texel = jnp.minimum(jnp.floor(jnp.clip(square, 0, 1) * across), across - 1)
+        # Tiles have a power of two of texels: the low bits of a texel's number are its place in its tile.
         index = texel.astype(jnp.int32) & (self.tile_size - 1)
         flat = (slot * self.tile_size + index[..., 1]) * self.tile_size + index[..., 0]
         outside = jnp.any((square < 0) | (square > 1), axis=-1)

@@ -102,6 +102,7 @@ class TileStore(Checked):
         held, last_used, worth = np.array(self.keys), np.array(self.last_used), np.array(self.benefit)
         frame = int(self.frame)
         empty, idle = held[:, 0] == EMPTY, last_used < frame
+        # Empty slots first, then by last use, then by worth; all slots used in this frame tie on last use.
         order = np.lexsort((worth, np.where(idle, last_used, frame), ~empty))
         order = order[order >= self.num_pinned]
         slots, kept, evicted, next_ = [], [], 0, 0

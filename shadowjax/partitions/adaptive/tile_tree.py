@@ -31,6 +31,7 @@ def interleaved(x: Any, y: Any) -> Any:
         x: int32 array of NumPy or JAX.
         y: The same.
     """
+    # Each step moves half of the remaining bits apart, until a zero lies between any two.
     for shift, mask in _STEPS:
         x, y = (x | (x << shift)) & mask, (y | (y << shift)) & mask
     return x | (y << 1)
