@@ -163,6 +163,7 @@ def phong(
     """
     to_light, _ = light.to_light(surface.points)
     cosine = jnp.maximum(dot(surface.shading_normals, to_light), 0.0)
+    # The direction to the light mirrored at the normal: 2(n·l)n − l.
     mirrored = 2 * cosine[..., None] * surface.shading_normals - to_light
     highlight = jnp.maximum(dot(mirrored, surface.to_camera), 0.0) ** material.shininess
     highlight = (
@@ -270,6 +271,7 @@ def to_srgb(linear: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     """
     knee = 0.8
     over = jnp.maximum(linear - knee, 0.0)
+    # Beyond the knee x ↦ knee + r·x/(x + r) with r = 1 − knee: slope 1 at the knee, value 1 at infinity.
     soft = jnp.where(linear > knee, knee + (1 - knee) * over / (over + (1 - knee)), jnp.maximum(linear, 0.0))
     safe = jnp.maximum(soft, 0.0031308)
     return jnp.where(soft <= 0.0031308, 12.92 * soft, 1.055 * safe ** (1 / 2.4) - 0.055)

@@ -112,8 +112,8 @@ class ReceiverPlane(BiasRule):
 
     Attributes:
         constant: Additional depth tolerance, world units.
-        slope: Additional depth tolerance, texels of slope. A multi-depth map needs its policy's radius: extra depths come
-            from other texels than the one they are kept in.
+        slope: Additional depth tolerance, texels of slope. A multi-depth map needs its policy's radius: extra depths
+            come from other texels than the one they are kept in.
     """
 
     constant: Scalar

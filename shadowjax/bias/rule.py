@@ -151,7 +151,7 @@ def depth_slope(grid: RayGrid, points: Points, normals: Points, limit: float = M
         limit: Largest change, texels.
 
     Returns:
-        Non-negative depth, limited to `limit` texels (16: an incidence of 86°), also where the surface is parallel to the light.
+        Non-negative depth, at most `limit` texels (16: an incidence of 86°), also where a surface is parallel to light.
     """
     across, down = grid.cell_vectors(points)
     cosine = jnp.abs(dot(normals, grid.space.to_source(points)))

@@ -64,11 +64,11 @@ def contact_gap(bias: ArrayLike, elevation: ArrayLike, lean: ArrayLike = 0.0) ->
     """Lit gap that a bias leaves on the ground at the foot of a thin wall (peter-panning), world units.
 
     The ray to the light leaves the ground at distance g behind the foot and meets the wall after
-    g·cos ψ / cos(ε − ψ). The test forgives b of that, so all up to g = b·cos(ε − ψ) / cos ψ is lit; for an upright
+    g·cos ψ / cos(ε − ψ). The test tolerates b of that, so all up to g = b·cos(ε − ψ) / cos ψ is lit; for an upright
     wall g = b·cos ε.
 
     Args:
-        bias: b, depth forgiven along the light, world units.
+        bias: b, depth tolerance along the light, world units.
         elevation: ε, of the light above the ground, radians, in (0, π/2].
         lean: ψ, of the wall out of the upright, towards its shadow, radians.
 
@@ -150,13 +150,14 @@ def needed_bias(
         points: Receivers.
         normals: Their unit normals.
         faces: Triangle that each lies on.
-        lit: Whether each is lit in truth, such as by shadow rays.
+        lit: Whether each is lit in the reference, such as by shadow rays.
         kernel_size: K of the K × K taps, ≥ 1.
     """
     shadow_map = shadows.maps[0]
     labels = jnp.asarray(component_labels(mesh), jnp.int32)
     position, depth = shadow_map.grid.locate(points)
     seen = jnp.where(shadow_map.face >= 0, labels[jnp.maximum(shadow_map.face, 0)], -1).astype(depth.dtype)
+    # Depth and body as two planes, so that every tap reads both from the same texel.
     planes = jnp.stack([shadow_map.depth, seen])
     own = labels[jnp.maximum(faces, 0)].astype(depth.dtype)
     texel = texel_size(shadow_map.grid, points)

@@ -39,7 +39,7 @@ EDGE_MARGIN = 4
 
 
 class View(Checked):
-    """What a camera sees of a scene, where shadows matter there, and the truth about them.
+    """What a camera sees of a scene, where shadows matter there, and the reference visibility.
 
     Attributes:
         surface: Every sample of the picture.
@@ -236,10 +236,10 @@ def record(
 
     Args:
         name: Of the technique.
-        technique: Tells the bound on tones.
-        shadows: Tells the bytes.
+        technique: Gives the bound on tones.
+        shadows: Gives the bytes.
         visibility: Of every sample.
-        view: The truth.
+        view: With the reference visibility.
         build_ms: Measured elsewhere.
         visibility_ms: Measured elsewhere.
     """

@@ -57,11 +57,13 @@ def warp_matrix(
     local = frustum_corners(frustum) @ axes.T
     lowest, highest = jnp.min(local[:, 2]), jnp.max(local[:, 2])
     shift = near_distance - lowest
+    # z' counts from the projection centre: the lowest corner lies at n', the highest at f'.
     n, f = near_distance, highest + shift
     if tan_x is None:
         tan_x = jnp.max(jnp.abs(local[:, 0]) / (local[:, 2] + shift))
     zero, one = jnp.zeros_like(n), jnp.ones_like(n)
     view = jnp.eye(4, dtype=axes.dtype).at[:3, :3].set(axes).at[2, 3].set(shift)
+    # Row t: (f'+n')/(f'−n') − 2f'n'/((f'−n')z'), from −1 at n' to 1 at f'; the last row divides by z'.
     project = jnp.stack(
         [
             jnp.stack([1 / tan_x, zero, zero, zero]),
@@ -205,6 +207,7 @@ def footprint(
     facing = jnp.broadcast_to(normals[..., None, :], (*square.shape[:-1], 3))
     reach = safe_divide(dot(points[..., None, :] - rays.origins, facing), dot(rays.directions, facing))
     corner = rays.origins + reach[..., None] * rays.directions
+    # Half the cross product of the diagonals is the area of a flat quadrilateral.
     diagonals = corner[..., 2, :] - corner[..., 0, :], corner[..., 3, :] - corner[..., 1, :]
     return 0.5 * norm(jnp.cross(*diagonals))
 
@@ -252,6 +255,7 @@ def aliasing_map(camera: RayGrid, shadow_map: RayGrid, points: Points, normals: 
     pixels, texels = jax.vmap(spans)(flat, facing)
     area_pixel, area_texel = _det(pixels), _det(texels)
     total = safe_divide(jnp.abs(area_pixel), jnp.abs(area_texel))
+    # Surface → texels inverted, then surface → pixels: the Jacobian from texels to pixels.
     inverse = safe_divide(_adjugate(texels), area_texel[:, None, None])
     turned = pixels @ inverse  # pixels per texel, as a matrix
     # singular values of a 2×2 matrix from its norm and determinant

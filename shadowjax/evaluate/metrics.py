@@ -1,4 +1,4 @@
-"""How far a picture is from the truth: errors, structural similarity, false light and shadow, distance of edges."""
+"""Image metrics against a reference: errors, structural similarity, false light and shadow, distance of edges."""
 
 import functools
 import importlib
@@ -186,6 +186,7 @@ def edge_distance(
     def away(edges: Any) -> Any:
         if not edges.any():
             return np.full(edges.shape, diagonal)
+        # The grid has half the pixels' spacing.
         return np.asarray(ndimage.distance_transform_edt(~edges)) / 2
 
     from_a, from_b = away(edges_a), away(edges_b)

@@ -51,6 +51,7 @@ def seam_jump(shadows: MappedShadows, first: int, second: int, points: Points, n
     """
     widths = [texel_widths(shadows.maps[region].grid, points) for region in (first, second)]
     factor = safe_divide(widths[0], widths[1])
+    # A jump up or down by the same factor counts alike.
     factor = jnp.maximum(factor, safe_divide(jnp.ones_like(factor), factor))
     answers = [shadows.read(region, points, normals) for region in (first, second)]
     return SeamJump(factor[..., 0], factor[..., 1], jnp.abs(answers[0] - answers[1]))

@@ -27,7 +27,7 @@ class SlopeLimit:
 
     Attributes:
         incidence_deg: Least incidence at which the limit is reached and acne seen, degrees from the normal.
-        reached: Share of the receivers that face the light at which the limit is reached, lit in truth.
+        reached: Share of the receivers that face the light at which the limit is reached, lit in the reference.
         acne: Share that the limit darkens falsely.
         value: The bias, texels of slope.
         limit: Its limit, texels of depth for each texel of slope.
@@ -69,7 +69,7 @@ def slope_limit(
         points: Receivers.
         normals: Their unit normals.
         faces: Triangle that each lies on.
-        lit: Whether each is lit in truth.
+        lit: Whether each is lit in the reference.
         counted: Which ones the shares are of, such as those that face the light.
     """
     if not isinstance(shadows, MappedShadows | AdaptiveShadows):

@@ -129,6 +129,7 @@ def edge_sides(mesh: Mesh, weld: bool = True) -> EdgeSides:
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
     sense = np.sign(ends[:, 1] - ends[:, 0])
     _, first, edge = np.unique(np.sort(ends, axis=1), axis=0, return_index=True, return_inverse=True)
+    # Ends by the mesh's own indices, from the first side of each edge, turned so that its sense is positive.
     corners = np.stack([original, np.roll(original, -1, axis=1)], axis=-1).reshape(-1, 2)[first]
     corners = np.where(sense[first][:, None] < 0, corners[:, ::-1], corners)
     return EdgeSides(
@@ -160,6 +161,8 @@ def silhouette_counts(mesh: Mesh, sides: EdgeSides, light: Light, casts: str = "
     require_choice(casts, "casts", CASTS)
     to_light, _ = light.to_light(mesh.triangles()[:, 0])
     height = dot(mesh.area_vectors(), to_light)
+    # A face that casts adds its sides with their sense: between two casting faces they cancel, what is left bounds
+    # them.
     weight = (height > 0).astype(jnp.int32)
     if casts == "all":
         weight = weight - (height < 0).astype(jnp.int32)

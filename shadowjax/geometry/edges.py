@@ -59,6 +59,7 @@ def paired_sides(faces: Int[np.ndarray, "faces 3"]) -> tuple[np.ndarray, np.ndar
     new = np.ones(len(key), bool)
     new[1:] = np.any(key[order[1:]] != key[order[:-1]], axis=1)
     starts = np.flatnonzero(new)
+    # Place of each side within its edge: odd ones pair with the one before them.
     rank = np.arange(len(key)) - np.repeat(starts, np.diff(np.append(starts, len(key))))
     second = np.flatnonzero(rank % 2 == 1)
     pairs = np.stack([order[second - 1], order[second]], axis=-1)
@@ -118,6 +119,7 @@ def edge_adjacency(mesh: Mesh, weld: bool = True) -> EdgeAdjacency:
     first = np.concatenate([pairs[:, 0], alone])
     second = np.concatenate([pairs[:, 1] // 3, np.full(len(alone), OPEN)])
     ends = np.stack([original, np.roll(original, -1, axis=1)], axis=-1).reshape(-1, 2)
+    # How many sides, paired or alone, run along the edge of each row.
     key = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
     _, edge, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
     return EdgeAdjacency(
@@ -129,7 +131,7 @@ def edge_adjacency(mesh: Mesh, weld: bool = True) -> EdgeAdjacency:
 
 @checked
 def silhouette(mesh: Mesh, edges: EdgeAdjacency, light: Light) -> Bool[Array, "edges"]:
-    """Which edges part the side of a mesh that faces a light from the side that does not.
+    """Which edges separate the side of a mesh that faces a light from the side that does not.
 
     Args:
         mesh: The mesh, moved or not since the edges were found.

@@ -188,6 +188,7 @@ class DirectionalSpace(LightSpace):
 
     def beyond(self, lower: Vector3, upper: Vector3) -> Scalar:
         """As `farthest`, of a box given by offsets of its corners from the origin."""
+        # The box reaches half its diagonal beyond its middle; a quarter more keeps every point nearer than a miss.
         return dot(0.5 * (lower + upper), -self.frame[1]) + 0.75 * norm(upper - lower)
 
     def vector_to_source(self, points: Points) -> Points:
@@ -217,6 +218,7 @@ class PerspectiveSpace(LightSpace):
     def project(self, points: Points) -> tuple[PlanePoints, Float[Array, "*points"]]:
         """Tangents of the angles to forward, and distance; points at or behind the position lie outside every map."""
         local = rotate(points - self.position, self.frame)
+        # Compared with the distance, so that the quotient stays below 10⁶, the place that stands for no ray.
         in_front = local[..., 2:] > LEAST_FORWARD * norm(local, keepdims=True)
         plane = local[..., :2] / jnp.where(in_front, local[..., 2:], jnp.ones_like(local[..., 2:]))
         return jnp.where(in_front, plane, jnp.full_like(plane, UNREACHED)), norm(local)
@@ -261,7 +263,7 @@ class OctahedralSpace(LightSpace):
     """All rays through one point: the sphere of directions folded onto the square [−1, 1]² by an octahedron.
 
     A bijection without poles, so one map serves a point light; its only seams are folds of the square's border, which
-    `wrap` continues.
+    `maps.sampling.fold` continues.
 
     Attributes:
         position: World position all rays start from.
@@ -275,6 +277,8 @@ class OctahedralSpace(LightSpace):
         length_one = jnp.sum(jnp.abs(offset), axis=-1, keepdims=True)
         unit = safe_divide(offset, length_one)
         upper = unit[..., :2]
+        # The lower half of the octahedron |x| + |y| + |z| = 1 is unfolded over the upper one's edges into the corners
+        # of the square.
         lower = (1 - jnp.abs(upper[..., ::-1])) * _sign(upper)
         return jnp.where(unit[..., 2:] >= 0, upper, lower), norm(offset)
 

@@ -148,10 +148,12 @@ class Mesh(Checked):
         faces = jnp.where(mirrored, self.faces[:, ::-1], self.faces)
         origin, known = self.origin, concrete(matrix)
         if any(origin) and known is not None:
+            # M(p + o) + t = M·p + (M·o + t): local positions turn, the origin takes the rest.
             exact = known.astype(np.float64)
             origin = exact[:3, :3] @ np.asarray(origin) + exact[:3, 3]
             matrix = matrix.at[:3, 3].set(0)
         elif any(origin):
+            # With the origin kept: M·p + (M − I)·o + t.
             moved = (matrix[:3, :3] - jnp.eye(3, dtype=matrix.dtype)) @ jnp.asarray(origin, matrix.dtype)
             matrix = matrix.at[:3, 3].add(moved)
         return Mesh(transform_points(matrix, self.vertices), faces, self.face_colors, origin)

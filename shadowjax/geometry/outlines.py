@@ -103,6 +103,7 @@ def _sides(mesh: Mesh, edges: MeshEdges, towards: Float[Array, "edges 3"]) -> li
 def _side(mesh: Mesh, face: Int[Array, "edges"], start: Points, across: Points) -> Float[Array, "edges"]:
     """Sign of the side of a plane through an edge on which the third corner of a face lies."""
     corners = mesh.faces[jnp.maximum(face, 0)]
+    # The edge's own corners lie in the plane to a rounding, so the farthest of all three is the third corner.
     height = jnp.stack([dot(mesh.vertices[corners[:, k]] - start, across) for k in range(3)], axis=-1)
     least, most = jnp.min(height, axis=-1), jnp.max(height, axis=-1)
     return jnp.sign(jnp.where(-least > most, least, most))

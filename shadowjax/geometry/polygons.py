@@ -19,8 +19,8 @@ COPLANAR_SINE = 1e-4
 def polygon_of_face(mesh: Mesh) -> Int[Array, "faces"]:
     """Number of the polygon that each triangle belongs to; host-side.
 
-    Triangles that share an edge and lie in one plane are parts of one polygon, so the diagonals of quadrilaterals part
-    nothing.
+    Triangles that share an edge and lie in one plane are parts of one polygon, so the diagonals of quadrilaterals
+    separate nothing.
 
     Args:
         mesh: A mesh with concrete vertices.

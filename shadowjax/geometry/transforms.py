@@ -31,6 +31,7 @@ def rotation(axis: Vector3, angle: Scalar) -> Matrix4:
     """4×4 matrix of the right-handed rotation by `angle` radians about `axis` (any nonzero length)."""
     x, y, z = normalize(axis)
     zero = jnp.zeros_like(x)
+    # Rodrigues: R = 1 + sin α·K + (1 − cos α)·K², with K·v = axis × v.
     skew = jnp.stack([jnp.stack([zero, -z, y]), jnp.stack([z, zero, -x]), jnp.stack([-y, x, zero])])
     turned = jnp.eye(3, dtype=axis.dtype) + jnp.sin(angle) * skew + (1 - jnp.cos(angle)) * (skew @ skew)
     return jnp.eye(4, dtype=axis.dtype).at[:3, :3].set(turned)

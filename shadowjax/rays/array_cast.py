@@ -118,6 +118,8 @@ def _grid_of(rays: Rays) -> tuple[RayGrid, Bool[Array, ""]]:
     start, across, down = origins[0, 0], origins[0, -1] - origins[0, 0], origins[-1, 0] - origins[0, 0]
     eps = GRID_ROUNDINGS * jnp.finfo(origins.dtype).eps
     rounding = eps * jnp.max(jnp.abs(origins))
+    # The grid that first row and column span; a true grid of rays is off it by roundings only, in origin, direction and
+    # right angles.
     width, height = norm(across), norm(down)
     col, row = (jnp.arange(size, dtype=origins.dtype) / (size - 1) for size in (num_cols, num_rows))
     expected = start + col[:, None] * across + row[:, None, None] * down

@@ -23,7 +23,6 @@ CUT_ROUNDINGS = 8.0
 SLACK = 1e-5
 
 Corners = Float[Array, "faces 3 3"]
-# Spaces that keep lines straight, so that a triangle stays one on their plane.
 
 
 @checked
@@ -138,6 +137,7 @@ def _cut(
         place = place.at[..., 2].set(1.0)
 
     def inside(place: Float[Array, "*points 3"]) -> Bool[Array, "*points"]:
+        # Compared with the sum of magnitudes, of which rounding is a share.
         size = jnp.abs(place) @ jnp.abs(sides).T
         return jnp.all(place @ sides.T >= -SLACK * size, axis=-1)
 
@@ -155,6 +155,8 @@ def _cut(
     # rays through the region's corners: (faces, corner, 3)
     rays = jnp.concatenate([border, jnp.ones_like(border[:, :1])], axis=-1)
     first, second, third = (place[:, k] for k in range(3))
+    # A ray (u, v, 1) meets the triangle where all three tetrahedra that it spans with pairs of corners have the sign of
+    # the triangle's own; their shares are barycentrics.
     weights = jnp.stack(
         [jnp.cross(*pair) @ rays.T for pair in ((second, third), (third, first), (first, second))], axis=-1
     )

@@ -100,6 +100,7 @@ def affine_box(plane_map: PlaneMap) -> Box | None:
         return inner if isinstance(inner, Box) else None
     if affine_box(plane_map.whole) is None:
         return None
+    # A band of an affine map is affine: two corners of its unit square say which box.
     lower, upper = plane_map.inverse(jnp.asarray([[0, 0], [1, 1]], plane_map.first_row.dtype))
     return Box(lower, upper)
 

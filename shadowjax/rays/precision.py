@@ -1,4 +1,4 @@
-"""Warnings where coordinates are rounded as coarsely as the pixels or texels that they are to be told apart by."""
+"""Warnings where coordinates are rounded as coarsely as the pixels or texels that they must resolve."""
 
 import equinox as eqx
 import jax
@@ -13,7 +13,7 @@ from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.ray_grid import RayGrid
 
-# Rounding of a coordinate, in pixels or texels, from which on it is told.
+# Rounding of a coordinate, in pixels or texels, from which on a warning is given.
 COARSE = 0.5
 # Share of the pixels that must be so coarse: a few lie right before the eye in any view.
 SHARE = 0.01

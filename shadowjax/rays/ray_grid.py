@@ -19,7 +19,7 @@ from shadowjax.rays.ray import Rays
 # How far the depths that a map and a receiver have on one plane differ at most, in roundings of the receiver's place
 # along its normal and of its offset from where depths are counted.
 PLANE_ROUNDINGS = 4.0
-# Planes that the light grazes at less than a degree are forgiven no more than at a degree.
+# Planes that the light grazes at less than a degree get no more tolerance than at a degree.
 LEAST_COSINE = math.sin(math.pi / 180)
 
 
@@ -138,6 +138,7 @@ def pixel_footprint(view: RayGrid, grid: RayGrid, points: Points, normals: Point
     cosine = jnp.where(jnp.abs(cosine) < least, jnp.where(cosine < 0, -least, least), cosine)
     columns = []
     for step in view.cell_vectors(points):
+        # The step at constant distance, moved along the pixel's ray back onto the receiver's plane.
         on_plane = step - away * (dot(normals, step) / cosine)[..., None]
         columns.append(jax.jvp(lambda at: grid.locate(at)[0], (points,), (on_plane,))[1])
     return jnp.stack(columns, axis=-1)

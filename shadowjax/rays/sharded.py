@@ -25,7 +25,7 @@ from shadowjax.rays.ray_grid import RayGrid
 _Tree = TypeVar("_Tree")
 AXIS = "devices"
 NONE = jnp.iinfo(jnp.int32).max
-# Triangles dealt together for depth alone: neighbours share vertices and cells; thousands of them still deal evenly.
+# Triangles kept together for depth alone: neighbours share vertices and cells; blocks of thousands still divide evenly.
 BLOCK = 4096
 
 
@@ -74,8 +74,8 @@ def cast_over_bands(
 ) -> _Tree:
     """One grid cut into as many bands of rows as there are devices, each cast on its own; nothing is compared.
 
-    Every device looks at all triangles, and draws those of its band. With more triangles than rays, dealing the
-    triangles is faster: `depth_over_triangles`.
+    Every device looks at all triangles, and draws those of its band. With more triangles than rays, sharding
+    the triangles is faster: `depth_over_triangles`.
 
     Args:
         cast: What is done with each band: `caster.depth_on_grid`, `caster.closest_on_grid`,
@@ -134,7 +134,7 @@ def visible_over_points(
 
 @checked
 def closest_over_triangles(caster: Caster, mesh: Mesh, grid: RayGrid, devices: Sequence[Any] | None = None) -> Hit:
-    """First hits of one grid, its triangles dealt round robin to devices; the nearest hit of all wins.
+    """First hits of one grid, its triangles sharded round robin across devices; the nearest hit of all wins.
 
     Each device casts its share, then depths are compared: of equal depths the lowest triangle index wins, as in every
     caster. The same as casting the whole mesh, but that depths equal to a rounding may be ordered differently.
@@ -285,6 +285,7 @@ def _cast_shares(caster: Caster, mesh: Mesh, grid: RayGrid, device_mesh: DeviceM
         share = Mesh(vertices, dealt[:, 0], jnp.zeros(dealt[:, 0].shape, vertices.dtype))
         hit = eqx.combine(arrays, rest).closest_on_grid(share, grid)
         depth = jnp.where(hit.is_hit, hit.depth, jnp.inf)
+        # Place k of a device's share is triangle k·num + device.
         index = hit.face * num + lax.axis_index(AXIS).astype(jnp.int32)
         winner = hit.is_hit & (depth == lax.pmin(depth, AXIS))
         face = lax.pmin(jnp.where(winner, index, NONE), AXIS)

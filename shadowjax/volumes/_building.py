@@ -1,4 +1,4 @@
-"""The build of a BSP tree on the host: the splitting plane of each group of polygons, chosen among some of their own."""
+"""Builds a BSP tree on the host: the splitting plane of each group of polygons, chosen among some of their own."""
 
 from dataclasses import dataclass
 

@@ -17,9 +17,9 @@ TILE_BYTES = 2 * INTERVAL_BYTES
 class PageTable(Checked):
     """The finest resident tile at every place, as intervals of the Z-order curve.
 
-    Along the curve a tile of a quadtree is an interval, and the intervals of two tiles are nested or disjoint. "The finest
-    tile that holds this place" is then constant between at most 2K + 1 sorted numbers for K tiles, so a search by
-    halves finds it: no pointers, no walk down a tree, and no array changes its shape when tiles come and go.
+    Along the curve a tile of a quadtree is an interval, and the intervals of two tiles are nested or disjoint. "The
+    finest tile that holds this place" is then constant between at most 2K + 1 sorted numbers for K tiles, so a binary
+    search finds it: no pointers, no walk down a tree, and no array changes its shape when tiles come and go.
 
     Attributes:
         starts: First place of each interval, rising; spare ones lie beyond the curve.

@@ -95,6 +95,7 @@ def _split(middle: np.ndarray, bounds: np.ndarray, counts: np.ndarray, by_count:
     scale = np.where(spread, NUM_BINS / np.where(spread, size, 1), 0)
     node = np.repeat(each.astype(np.int32), counts)
     along = middle[np.arange(len(middle)), axis[node]]
+    # One key for node and bin: a stable sort by it groups the triangles of all nodes of the level at once.
     key = node * NUM_BINS + np.minimum(((along - low[node]) * scale[node]).astype(np.int32), NUM_BINS - 1)
     num_keys = num_nodes * NUM_BINS
     # Sixteen-bit keys are sorted by counting, several times faster.
@@ -106,6 +107,7 @@ def _split(middle: np.ndarray, bounds: np.ndarray, counts: np.ndarray, by_count:
     boxes = boxes.reshape(num_nodes, NUM_BINS, 6)
     num_left = np.cumsum(filled.reshape(num_nodes, NUM_BINS), axis=1)[:, :-1]
     num_right = counts[:, None] - num_left
+    # Boxes as (lower, −upper) join by one minimum: running minima from both ends give both sides of all 15 planes.
     left = _surface(np.minimum.accumulate(boxes, axis=1)[:, :-1])
     right = _surface(np.minimum.accumulate(boxes[:, ::-1], axis=1)[:, -2::-1])
     cost = np.where((num_left > 0) & (num_right > 0), left * num_left + right * num_right, np.inf)
@@ -160,6 +162,8 @@ def _number(levels: list[_Level], num_faces: int) -> Topology:
             backwards = (octant >> axis) & 1 == 1
             near, far = np.where(ascending ^ backwards, one, two), np.where(ascending ^ backwards, two, one)
             table = links[octant]
+            # On a hit go to the nearer child, on its miss to the farther one, and from there to where the parent's miss
+            # goes.
             table[parents, 1] = near
             table[near, 0] = far
             table[far, 0] = table[parents, 0]

@@ -112,6 +112,7 @@ def _visit(tree: Links, fitted: Fitted, table: Array, state: Int[Array, "n"], an
     for axis in range(3):
         origin, widen = _read(table, ray, ORIGIN + axis), _read(table, ray, WIDEN)
         inverse = _read(table, ray, INVERSE + axis)
+        # Slab test: where the ray enters and leaves the widened box along each axis.
         low = (_read(fitted.boxes, node, axis) - origin - widen) * inverse
         high = (-_read(fitted.boxes, node, 3 + axis) - origin + widen) * inverse
         near, far = jnp.maximum(near, jnp.minimum(low, high)), jnp.minimum(far, jnp.maximum(low, high))

@@ -70,6 +70,8 @@ def generalise(
         low, high = jnp.min(key, axis=0), jnp.max(key, axis=0)
         floor = jnp.full_like(low, table.least)
     else:
+        # The plane n·(x, y, w) = V through the corners, divided by V·w: 1/w = (n_x·u + n_y·v + n_w)/V, so the key −1/w
+        # is affine in (u, v) with the slopes −n_x/V and −n_y/V.
         a, b = ([part[k] - part[0] for part in (x, y, w)] for k in (1, 2))
         normal = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
         volume = normal[0] * x[0] + normal[1] * y[0] + normal[2] * w[0]
@@ -83,6 +85,8 @@ def generalise(
         if held_back:
             parts = [jnp.abs(n * p[0]) for n, p in zip(normal, (x, y, w), strict=True)]
             doubt = TRIANGLE_ROUNDINGS * jnp.finfo(x.dtype).eps * (parts[0] + parts[1] + parts[2])
+            # The key is proportional to 1/V: as V is uncertain, the key is taken closer to 0, which is farther from the
+            # light.
             known = jnp.maximum(1 - doubt / jnp.where(volume == 0, jnp.ones_like(volume), jnp.abs(volume)), 0)
             known = jnp.where(volume == 0, jnp.zeros_like(known), known)
             key, along_u, along_v, low, high = (known * part for part in (key, along_u, along_v, low, high))
@@ -169,6 +173,7 @@ def _clipped_box(grid: RayGrid, table: View, a: Float[Array, "3 3 n"]) -> Int[Ar
 
     # Corners of the region × corners of triangles × triangles.
     u, v = table.corners[:, :1], table.corners[:, 1:]
+    # A corner (u, v) of the region is covered where the triangle turns one way all round it, homogeneously.
     rx, ry = a[0] - u[..., None] * a[2], a[1] - v[..., None] * a[2]
     one, two = rx * jnp.roll(ry, -1, axis=1), ry * jnp.roll(rx, -1, axis=1)
     doubt = slack * (jnp.abs(one) + jnp.abs(two))

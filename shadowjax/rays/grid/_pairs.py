@@ -36,6 +36,7 @@ def search_pairs(
         top, left = first_row // ROWS, first_col // SMALL
         down = jnp.where(holds, last_row // ROWS - top + 1, 0)
         across = jnp.where(holds, last_col // SMALL - left + 1, 0)
+        # Pair number → triangle: the running count of tiles, searched by halves (`owners`).
         ends = jnp.cumsum(down * across, dtype=jnp.int32)
 
         def add_window(j: Array, buffers: Buffers) -> Buffers:

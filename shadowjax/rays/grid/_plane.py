@@ -60,6 +60,8 @@ def _planes(
     """For each triangle the key's value at a place on the plane, its slopes along u and v, and the place."""
     corners = [project(grid, vertices[faces[:, k]]) for k in range(3)]
     first, second = corners[1] - corners[0], corners[2] - corners[0]
+    # Plane of the triangle in (x, y, w). Parallel: w is depth, with slopes −n_x/n_w and −n_y/n_w. From a point: 1/w =
+    # (n_x·u + n_y·v + n_w)/(n·corner).
     normal = jnp.stack([
         first[1] * second[2] - first[2] * second[1],
         first[2] * second[0] - first[0] * second[2],

@@ -28,7 +28,7 @@ class Vertices(NamedTuple):
 
     Attributes:
         plane: Rows u, v and key. The key orders hits along a ray and is affine over a triangle on the plane: depth for
-            parallel rays, −1/w for rays through a point; `never` for a vertex at or behind that point.
+            parallel rays, −1/w for rays through a point; `miss_key` for a vertex at or behind that point.
         bounds: Rows of the cells that a triangle's box is made of, see `FIRST_COL`. The box of a triangle is the least
             first and the largest last of its corners. A corner that needs the general test (before the start of the
             rays, or where the plane map is not regular) has `general_mark` as its firsts; one before the start also as
@@ -113,6 +113,8 @@ def place(grid: RayGrid, table: View, vertices: Float[Array, "vertices 3"]) -> V
     mark = jnp.asarray(general_mark(dtype), dtype)
 
     def ends(position: Array, margin: Scalar, count: int) -> tuple[Array, Array]:
+        # Cell i has its centre at i + ½: the first centre at or after a position is ⌈p − ½⌉, the last at or before it
+        # ⌊p − ½⌋.
         first = jnp.clip(jnp.ceil(position - 0.5 - margin), 0, count).astype(dtype)
         last = jnp.clip(jnp.floor(position - 0.5 + margin), -1, count - 1).astype(dtype)
         return jnp.where(regular, first, mark), jnp.where(ahead, last, mark)
@@ -137,6 +139,7 @@ def view(grid: RayGrid) -> View:
         u, v = plane[..., 0], plane[..., 1]
         squared = u**2 + v**2
     parallel = grid.space.is_parallel
+    # At distance far along the ray w = far/|(u, v, 1)|, so the key −1/w is −|(u, v, 1)|/far.
     start = jnp.broadcast_to(grid.far, (rows, cols)) if parallel else -jnp.sqrt(1 + squared) / grid.far
     # A hit exactly at the limit counts: start a few roundings beyond it.
     start = start + 4 * jnp.finfo(dtype).eps * jnp.abs(start)

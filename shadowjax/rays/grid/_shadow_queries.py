@@ -45,9 +45,9 @@ def project(
         multiple: Points of a part are a multiple of it; those added block nothing and do not face the light.
 
     Returns:
-        Place on the light's plane and key at which the ray ends, `done` where no triangle may block it: such points
-        face away or lie behind the light. Which face the light. And the least distance of some points along the view of
-        the light: the `far` of a grid, which does not see what is nearer than a millionth of it.
+        Place on the light's plane and key at which the ray ends, `blocked_key` where no triangle may block it: such
+        points face away or lie behind the light. Which face the light. And the least distance of some points along the
+        view of the light: the `far` of a grid, which does not see what is nearer than a millionth of it.
     """
     parts = [points[:, axis] for axis in range(3)]
     if space.is_parallel:
@@ -142,6 +142,7 @@ def widened(most: Float[Array, "rows cols"]) -> Float[Array, "rows cols"]:
     none = blocked_key(most.dtype)
     for axis in range(2):
         shift = 1
+        # Windows double: the greatest of 2k cells is the greater of two of k, so SPAN cells take log₂ SPAN steps.
         while shift < min(SPAN, most.shape[axis]):
             pads = [(0, shift) if k == axis else (0, 0) for k in range(2)]
             rest = jnp.pad(lax.slice_in_dim(most, shift, None, axis=axis), pads, constant_values=none)

@@ -130,7 +130,7 @@ def _blocked(mesh: Mesh, space: LightSpace, asked: ShadowQueries, far: Float[Arr
 
 
 def _drawn(mesh: Mesh, grid: RayGrid, lines: Sorted) -> Float[Array, "room"]:
-    """The limits of points after all triangles have been drawn; `done` for a blocked one."""
+    """The limits of points after all triangles have been drawn; `blocked_key` for a blocked one."""
     dtype = lines.limit.dtype
     table = touching(grid)
     vertices = place(grid, table, mesh.vertices)
@@ -282,6 +282,7 @@ def _prepared(
         face, rows, cols = (number(work, k, w) for k in range(3))
         numbers = held_back(set_up(vertices.plane, corners, face), parallel)
         first_row, first_col = rows >> 16, cols >> 16
+        # `reach` speaks for SPAN cells each way: a larger box cannot be dropped by it.
         longest = more((rows & HALF) - first_row, (cols & HALF) - first_col)
         shown = (longest >= SPAN) | (numbers[-1] <= number(reach, first_row, first_col))
         for k, value in enumerate(numbers):
@@ -329,6 +330,7 @@ def _walk(
         new = jnp.where(inside & (keys <= old), done_limit, old)
         limit = lax.dynamic_update_slice(limit, new, (at,), allow_negative_indices=False)
         last = number(work, 2, w) & HALF
+        # The points of the last cell of this row end before the next line.
         leaves = at + LANES >= number(begin, row * cols + last + 1)
         done = leaves & (row >= (number(work, 1, w) & HALF))
         w = w + done.astype(jnp.uint32)

@@ -54,6 +54,7 @@ def _part(
     )
     box = box_around(lowest, highest)
     cell = cells_of(box, shape, u, v, limit)
+    # Sorted by cell, so that each cell's points are the range begin[cell] … begin[cell + 1].
     order = jnp.argsort(cell)
     num_cells = shape[0] * shape[1]
     begin = jnp.searchsorted(cell[order], jnp.arange(num_cells + 1, dtype=jnp.uint32)).astype(jnp.int32)
@@ -102,6 +103,7 @@ def _hits(
             bounds = (jnp.where(present, start + x, 0) for x in (first_col[triangle], last_col[triangle] + 1))
             from_point, to_point = (begin[x] for x in bounds)
             first_line = from_point // LANES
+            # Lines that a run of points touches, the first and the last in part.
             count = jnp.where(present & (to_point > from_point), (to_point - 1) // LANES - first_line + 1, 0)
             lines_end = jnp.cumsum(count, dtype=jnp.int32)
 
