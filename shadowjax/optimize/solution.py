@@ -51,7 +51,7 @@ class Solution(Checked, Generic[Value, Evidence]):
         value: What was asked for; a table in the documentation says type, shape and unit for each optimiser.
         objective_value: The objective there; it has the shape of the views.
         baselines: Name → objective of another choice, such as the published one.
-        certificate: Evidence that the value is optimal, and what was measured beside it.
+        certificate: Evidence that the value is optimal, and what was measured with it.
         result: How the search ended, `optimistix.RESULTS`; `text` says it in words.
         problem: What the value was found for, which `technique` freezes.
         kind: What all solutions of the optimiser have in common.

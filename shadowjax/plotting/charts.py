@@ -124,6 +124,7 @@ def name_points(figure: Figure, spot, points: Mapping[str, tuple[float, float]],
         leftwards = px + aside + span > box.x1
         left = px - aside - span if leftwards else px + aside
         height = py
+        # By half lines, alternately up and down, until no name or marker is in the way.
         steps = [0.0, *(sign * k * line * 0.5 for k in range(1, 25) for sign in (-1, 1))]
         for step in steps:
             height = py + step

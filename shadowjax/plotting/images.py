@@ -130,7 +130,7 @@ def difference_map(
 
     Args:
         test: Visibility in [0, 1].
-        reference: The truth.
+        reference: Reference visibility.
         mask: Pixels that count.
         title: Over the picture.
         width: Of the figure, inches.

@@ -17,6 +17,7 @@ from shadowjax.plotting.style import MUTED, PALETTE, RULE, label, new_figure, st
 def front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
     """Indices of the points that no other beats in both, by rising cost."""
     best, found = np.inf, []
+    # By rising cost, the least error first: a point is on the front if it beats the errors of all cheaper ones.
     for index in np.lexsort((errors, costs)):
         if errors[index] < best:
             found.append(int(index))

@@ -21,7 +21,7 @@ def difference_pixels(
 
     Args:
         test: Visibility in [0, 1].
-        reference: The truth.
+        reference: Reference visibility.
         mask: Pixels that count; others show the backdrop alone.
         backdrop: Picture shown pale and grey behind, to see where one is.
 
@@ -57,7 +57,7 @@ def edge_window(visibility: Image, mask: Bool[np.ndarray, "rows cols"], height: 
     detail is worth less than one clean edge, so the count saturates.
 
     Args:
-        visibility: The truth.
+        visibility: Reference visibility.
         mask: Valid receivers; others are no edges.
         height: Rows of the window; at most the image's.
         width: Columns of the window; at most the image's.
@@ -75,12 +75,14 @@ def edge_window(visibility: Image, mask: Bool[np.ndarray, "rows cols"], height: 
 
     def sums(image: np.ndarray) -> np.ndarray:
         """Sum over the window that starts at every pixel from which it fits."""
+        # A summed-area table: each window's sum from four of its entries.
         total = np.pad(np.cumsum(np.cumsum(image, axis=0), axis=1), ((1, 0), (1, 0)))
         return total[height:, width:] - total[:-height, width:] - total[height:, :-width] + total[:-height, :-width]
 
     share = sums(valid.astype(float)) / (height * width)
     bright = sums((lit & valid).astype(float)) / np.maximum(sums(valid.astype(float)), 1)
     length = np.minimum(sums(edge) / (1.5 * width), 1.0)
+    # Length saturates, valid pixels count twice over, and √(p(1 − p)) is largest for as much light as shadow.
     score = length * share**2 * (bright * (1 - bright)) ** 0.5
     # A little smoothing keeps the choice from hanging on a pixel.
     score = ndimage.uniform_filter(score, size=3, mode="nearest")

@@ -1,4 +1,4 @@
-"""How every figure looks: colours that colour-blind readers tell apart, quiet axes, and the way to PNG bytes."""
+"""Figure style: a palette that colour-blind readers can distinguish, quiet axes, and export to PNG bytes."""
 
 from collections.abc import Callable, Sequence
 from functools import wraps
@@ -143,6 +143,7 @@ def spread(values: Sequence[float], gap: float) -> list[float]:
         overlap = gap - np.diff(placed)
         if not (overlap > 1e-9).any():
             break
+        # Both neighbours give way by half; repeated until nothing overlaps.
         push = np.maximum(overlap, 0) / 2
         placed[:-1] -= push
         placed[1:] += push

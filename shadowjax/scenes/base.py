@@ -98,6 +98,7 @@ def framed(mesh: Mesh, azimuth_deg: float, elevation_deg: float, half_angle_deg:
     x, y, z = (np.asarray(mesh.vertices, float) @ np.stack([right, up, -back], -1)).T
     tangent_y = np.tan(np.radians(half_angle_deg)) * (1.0 - MARGIN)
     tangent_x = tangent_y * ASPECT
+    # Largest x − tan·z and −x − tan·z, then for y: what c and d must satisfy with equality at the tightest vertices.
     edges = [np.max(sign * w - t * z) for w, t in ((x, tangent_x), (y, tangent_y)) for sign in (1.0, -1.0)]
     drawn_back = max((edges[0] + edges[1]) / (2 * tangent_x), (edges[2] + edges[3]) / (2 * tangent_y))
     position = 0.5 * (edges[0] - edges[1]) * right + 0.5 * (edges[2] - edges[3]) * up + drawn_back * back

@@ -120,7 +120,9 @@ def sphere_shadow(centre: Vector3, radius: Scalar, light: Light, plane: Receivin
         offset = centre - require_value(position, above, message)
         travel, nearness = normalize(offset), 1.0 / norm(offset)
     frame = jnp.stack([plane.axis_u, plane.axis_v, plane.origin - centre], axis=-1)  # p = frame (u, v, 1)
+    # p less its part along the ray, as a matrix on (u, v, 1).
     across = frame - jnp.outer(travel, travel @ frame)
+    # w + p/D likewise: its third column takes the constant w.
     ray = nearness * frame + jnp.zeros_like(frame).at[:, 2].set(travel)
     return Ellipse(across.T @ across - radius**2 * (ray.T @ ray))
 

@@ -39,6 +39,7 @@ class Ellipse(Checked):
     def centre(self) -> Float[Array, "2"]:
         """Middle of the ellipse."""
         m = self.matrix
+        # The gradient vanishes there: A·c = −b, by Cramer's rule, with A and b the blocks of M.
         u = m[0, 1] * m[1, 2] - m[1, 1] * m[0, 2]
         v = m[0, 1] * m[0, 2] - m[0, 0] * m[1, 2]
         return jnp.stack([u, v]) / self._determinant
@@ -46,12 +47,14 @@ class Ellipse(Checked):
     @property
     def area(self) -> Scalar:
         """Area in square metres."""
+        # About the centre the form is xᵀA·x + F(centre): an ellipse of the area π·(−F)/√det A.
         return -jnp.pi * self.form(self.centre) / safe_sqrt(self._determinant)
 
     @property
     def semi_axes(self) -> Float[Array, "2"]:
         """Half the longest and half the shortest diameter in metres."""
         m = self.matrix
+        # Eigenvalues of A are mean ± spread, semi-axes √(−F/λ).
         mean, half = 0.5 * (m[0, 0] + m[1, 1]), 0.5 * (m[0, 0] - m[1, 1])
         spread = safe_sqrt(half**2 + m[0, 1] ** 2)
         return safe_sqrt(-self.form(self.centre) / jnp.stack([mean - spread, mean + spread]))
@@ -63,6 +66,7 @@ class Ellipse(Checked):
         first = safe_sqrt(m[0, 0])
         second = safe_sqrt(self._determinant) / first  # Cholesky factor [[first, 0], [m01 / first, second]]
         v = jnp.sin(angle) / second
+        # x = √(−F)·L⁻ᵀ(cos, sin), solved from the last row up, for A = L·Lᵀ.
         u = (jnp.cos(angle) - m[0, 1] / first * v) / first
         return self.centre + size * jnp.stack([u, v], axis=-1)
 
@@ -78,6 +82,7 @@ class Ellipse(Checked):
         around = norm(ellipse.boundary(grid) - fixed[..., None, :])
         best = jnp.take(grid, jnp.argmin(around, axis=-1))
 
+        # Half the derivative of the squared distance; it changes sign at the nearest point.
         def slope(angle: Array) -> Array:
             point, velocity = jax.jvp(ellipse.boundary, (angle,), (jnp.ones_like(angle),))
             return dot(point - fixed, velocity)

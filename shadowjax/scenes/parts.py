@@ -112,6 +112,7 @@ def rotation(axis: Vector, angle: np.ndarray | float) -> np.ndarray:
 @checked
 def random_rotations(rng: np.random.Generator, count: int) -> np.ndarray:
     """(count, 3, 3) rotations spread uniformly over all orientations."""
+    # Normalised Gaussian quaternions are uniform on the sphere, so the rotations are uniform too.
     w, x, y, z = (q := rng.normal(size=(count, 4))).T / np.linalg.norm(q, axis=1)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],

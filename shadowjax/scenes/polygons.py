@@ -74,6 +74,7 @@ def outer_pieces(polygons: Float[Array, "shapes corners 2"]) -> tuple[Array, Arr
     overlaps = other & (enter < leave)
     enter, leave = jnp.where(overlaps, enter, 0.0), jnp.where(overlaps, leave, 0.0)
     ends = jnp.zeros((num_shapes, num_corners, 1), polygons.dtype)
+    # All cuts of an edge in order; pairs that do not overlap collapse to 0 and leave pieces without length.
     cuts = jnp.sort(jnp.concatenate([ends, enter, leave, ends + 1.0], axis=-1), axis=-1)
     middle = 0.5 * (cuts[..., 1:] + cuts[..., :-1])[..., None]
     covered = jnp.any((enter[:, :, None] < middle) & (middle < leave[:, :, None]), axis=-1)

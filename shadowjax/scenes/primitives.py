@@ -108,6 +108,7 @@ def geodesic_sphere(radius: float, frequency: int) -> Part:
     number = {cell: k for k, cell in enumerate(grid)}
     upright = [(number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in grid if i + j < frequency]
     inverted = [(number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]) for i, j in grid if i + j < frequency - 1]
+    # Barycentric weights of the lattice on a face: every point is a mean of its three corners.
     weights = np.array([(frequency - i - j, i, j) for i, j in grid], float) / frequency
     points = np.einsum("gk,fkd->fgd", weights, base.vertices[base.faces]).reshape(-1, 3)
     faces = np.array(upright + inverted)[None] + len(grid) * np.arange(20)[:, None, None]

@@ -34,6 +34,7 @@ def border_moments(start: Points2, along: Points2) -> ShadowMoments:
     """
     end = start + along
     area = 0.5 * jnp.sum(start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0])
+    # ∫u dA = ½∮u² dv, and over a straight piece ∫u² dv = Δv(u₀² + u₀u₁ + u₁²)/3; for v with the other sign.
     squares = start * start + start * end + end * end
     first = jnp.stack([jnp.sum(along[:, 1] * squares[:, 0]), -jnp.sum(along[:, 0] * squares[:, 1])]) / 6
     return ShadowMoments(area, safe_divide(first, jnp.stack([area, area])))

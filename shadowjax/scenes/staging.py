@@ -51,6 +51,7 @@ def shadow_points(points: np.ndarray, direction: np.ndarray, height: float) -> n
         its shadow that far too.
     """
     level = np.hypot(direction[0], direction[2])
+    # Flat light is taken as no flatter than 1 in LONGEST_SHADOW.
     drop = max(-direction[1], level / LONGEST_SHADOW, 1e-12)
     fall = (points[:, 1] - height) / drop
     result = points + fall[:, None] * direction

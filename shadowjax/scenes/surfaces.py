@@ -49,6 +49,7 @@ def sweep(
     tangent = (np.roll(path, -1, 0) - np.roll(path, 1, 0)) if loop else np.gradient(path, axis=0)
     tangent = tangent / np.linalg.norm(tangent, axis=1, keepdims=True)
     first = np.broadcast_to(np.asarray(side, float), path.shape)
+    # The given side made perpendicular to the path (Gram–Schmidt), so that sections do not shear.
     first = first - np.sum(first * tangent, axis=1, keepdims=True) * tangent
     first = first / np.linalg.norm(first, axis=1, keepdims=True)
     second = np.cross(tangent, first)
@@ -90,6 +91,7 @@ def triangulate(loops: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     for loop in loops:
         (x0, y0), (x1, y1) = loop.T, np.roll(loop, -1, 0).T
         cx, cy = centre[:, :1], centre[:, 1:]
+        # Even–odd rule: a ray from the triangle's middle crosses each loop's edges an odd number of times inside.
         spans = (y0 > cy) != (y1 > cy)
         rise = np.where(y1 == y0, 1.0, y1 - y0)
         crossings ^= (np.sum(spans & (cx < x0 + (cy - y0) * (x1 - x0) / rise), axis=1) % 2).astype(bool)
@@ -97,6 +99,7 @@ def triangulate(loops: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     a, b, c = np.moveaxis(points[triangles], 1, 0)
     twice = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     areas = [abs(np.sum(p[:, 0] * np.roll(p[:, 1], -1) - p[:, 1] * np.roll(p[:, 0], -1))) for p in loops]
+    # Twice the outline's area less that of the holes; the outline is the largest loop.
     expected = 2 * max(areas) - sum(areas)
     found = float(np.abs(twice).sum())
     if abs(found - expected) > 1e-9 * expected:

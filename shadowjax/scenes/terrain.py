@@ -29,6 +29,7 @@ def noise(octave: int, x: np.ndarray, z: np.ndarray) -> np.ndarray:
     u = scale * np.clip((x + HALF_X) / (2 * HALF_X), 0.0, 1.0)
     v = scale * np.clip((z + HALF_Z) / (2 * HALF_Z), 0.0, 1.0)
     i, j = np.floor(u).astype(int), np.floor(v).astype(int)
+    # Smoothstep of the fractions, whose slope vanishes at the lattice: no creases between cells.
     fu, fv = ((3.0 - 2.0 * f) * f * f for f in (u - i, v - j))
     near = (1 - fu) * lattice[j, i] + fu * lattice[j, i + 1]
     far = (1 - fu) * lattice[j + 1, i] + fu * lattice[j + 1, i + 1]

@@ -26,7 +26,7 @@ ROUNDS = 3  # of the grid: each looks closer round the best value of the one bef
 
 
 class BiasCertificate(Checked):
-    """What was measured beside the bias of least error.
+    """Measurements reported with the bias of least error.
 
     Attributes:
         unit: "world", "texel", "slope", or "normal" for a normal offset in texels times the sine of incidence.
@@ -127,11 +127,13 @@ def bias(
         return np.sqrt(np.mean(np.square(each), axis=0))
 
     tried: dict[float, float] = {}
+    # No bias at all, then 64th parts of the largest upwards in equal ratios: errors fall steeply near 0.
     grid = np.concatenate([[0.0], np.geomspace(1 / 64, 1, num_values - 1)]) * _largest(views, filter_, unit)
     for _ in range(ROUNDS):
         tried.update(zip(grid.tolist(), errors(grid).tolist(), strict=True))
         known = sorted(tried)
         best = min(range(len(known)), key=lambda i: (tried[known[i]], known[i]))
+        # Between the neighbours of the best so far lies the next, finer round.
         low, high = known[max(best - 1, 0)], known[min(best + 1, len(known) - 1)]
         grid = np.linspace(low, high, num_values)
     value = min(tried, key=lambda v: (tried[v], v))

@@ -3,7 +3,7 @@
 Counts of depth tests have no gradient, and a map's texels lie differently for every n', so its measured error is rough.
 Both go once the error is averaged over the place of each receiver inside its texel. A tap is then any place of the
 light's plane at a distance that n' sets. Whether it darkens the receiver is read from one fine map that no parameter
-changes: nothing is lost at the edges of shadows. What is softened is told by one number, `softness`.
+changes: nothing is lost at the edges of shadows. What is softened is set by one number, `softness`.
 """
 
 import equinox as eqx
@@ -76,7 +76,7 @@ class ExpectedError(Checked):
     Attributes:
         points: Receivers.
         normals: Their unit normals.
-        exact: True visibility.
+        exact: Reference visibility.
         weight: Of each squared error; adds up to 1.
         fractions: Places of each receiver inside its texel, in [0, 1).
         mesh: The scene.
@@ -153,6 +153,8 @@ class ExpectedError(Checked):
         position, depth = grid.locate(self.points)
         forgiven = Bias(settings.bias, "slope").in_world(grid, self.points, self.normals)
         level = depth - forgiven - grid.receiver_rounding(self.points, self.normals)
+        # A receiver at the fraction f of its texel: tap positions counted from the texel's own corner, and from texel
+        # centres.
         place = self.fractions[:, :, None] + settings.width * jnp.asarray(PATTERN, depth.dtype) - 0.5
         base = jnp.floor(jax.lax.stop_gradient(place))
         part = place - base
@@ -161,6 +163,8 @@ class ExpectedError(Checked):
             for down in (0.0, 1.0):
                 corner = jnp.asarray([right, down], depth.dtype)
                 share = jnp.prod(jnp.where(corner > 0, part, 1 - part), axis=-1)
+                # The receiver stays where it is and the lattice of texels moves: that texel's centre, in grid
+                # positions.
                 centre = position[:, None, None] + base + corner + 0.5 - self.fractions[:, :, None]
                 plane = grid.plane_map.inverse(centre / self.resolution)
                 lit = self._lit(plane, level[:, None, None], self.scale[:, None, None])
@@ -227,6 +231,7 @@ def _truth(view: View, scene: Scene, light: DirectionalLight, radius: float, cas
     across = any_perpendicular(light.direction)
     along = jnp.cross(light.direction, across)
     for index in range(count):
+        # Vogel's spiral: equal areas of the disc, turned by the golden angle.
         length, turn = np.tan(radius) * np.sqrt((index + 0.5) / count), index * np.pi * (3 - 5**0.5)
         moved = light.direction + length * (np.cos(turn) * across + np.sin(turn) * along)
         sun = DirectionalLight(normalize(moved), light.color)

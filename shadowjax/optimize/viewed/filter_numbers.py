@@ -103,7 +103,7 @@ FAMILIES: dict[str, Family] = {
 
 
 class FilterCertificate(Checked):
-    """What was measured beside the best numbers of a filter.
+    """Measurements reported with the best numbers of a filter.
 
     Attributes:
         family: Key of `FAMILIES`.
@@ -189,6 +189,7 @@ def exponent(
                 if error(moved) < lowest:
                     best, lowest = moved, error(moved)
                     break
+        # A round without gain halves all steps, as pattern searches do.
         scale = scale if lowest < before else scale / 2
     ends = tuple(knob.name for knob, value in zip(chosen.knobs, best, strict=True) if value in (knob.low, knob.high))
     names = [knob.name for knob in chosen.knobs]

@@ -75,6 +75,7 @@ def _mean(pixels: SeenPixels, chart: Chart) -> tuple[Array, LogError]:
     """Least mean of m_x·m_z by weight."""
     sums, count = jnp.sum(moments(pixels), axis=-1), jnp.sum(pixels.weight)
 
+    # κ = 1/n' = b/((1 − b)·W); with the two bounding corners fixed the error is one smooth piece.
     def piece(bend: Array, sides: Any) -> Array:
         return _log(safe_divide(total_error(sums, chart, bend / (1 - bend) / chart.extent, sides), count))
 
@@ -234,10 +235,12 @@ def splits_for_view(pixels: SeenPixels, num_partitions: int, num_bins: int = 64)
     edges = view.near * jnp.exp(span * jnp.arange(bins + 1, dtype=dtype) / bins)
     edges = edges.at[-1].set(view.far)
     index = jnp.clip((jnp.log(pixels.depth / view.near) / span * bins).astype(jnp.int32), 0, bins - 1)
+    # Moments of every bin and their running sums: those of any slice are a difference of two columns.
     each = jnp.zeros((4, bins), dtype).at[:, index].add(moments(pixels))
     running = jnp.concatenate([jnp.zeros((4, 1), dtype), jnp.cumsum(each, axis=-1)], axis=-1)
     first, last = jnp.triu_indices(bins + 1, 1)
     costs, bends = _slice_costs(running[:, last] - running[:, first], chart_between(pixels, edges[first], edges[last]))
+    # table[i, j]: cost of a slice from plane i to plane j; infinite unless i < j.
     table = jnp.full((bins + 1, bins + 1), jnp.inf, dtype).at[first, last].set(costs)
     count = jnp.sum(pixels.weight)
     chain, total = _best_chain(table, k)
@@ -275,6 +278,7 @@ def _slice_costs(sums: Float[Array, "4 slices"], charts: Chart) -> tuple[Array, 
         step = width * (1 - 1e-6) / (num - 1)
         trials = low + step * jnp.arange(num, dtype=low.dtype)[:, None]
         best = jnp.take_along_axis(trials, jnp.argmin(jax.lax.map(cost, trials), axis=0)[None], axis=0)[0]
+        # One step to either side of the best, within [0, 1).
         low, width = jnp.clip(best - step, 0.0, 1 - 2 * step), 2 * step
     return cost(best), best
 
@@ -283,6 +287,7 @@ def _best_chain(table: Float[Array, "planes planes"], k: int) -> tuple[Array, Sc
     """Indices of the k + 1 planes from first to last of least summed cost, and that sum."""
     reached, parents = table[0], []
     for _ in range(k - 1):
+        # Bellman: the least cost to reach plane j with one more slice, over its last start i.
         through = reached[:, None] + table
         parents.append(jnp.argmin(through, axis=0))
         reached = jnp.min(through, axis=0)

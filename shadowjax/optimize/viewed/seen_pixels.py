@@ -69,6 +69,7 @@ def seen_pixels(surface: Surface, camera: Camera, light: Light, projection: bool
     depth = offset @ camera.forward
     valid = valid_receivers(surface, light).reshape(-1) & (depth >= camera.near) & (depth <= camera.far)
     depth = jnp.where(valid, depth, camera.far)
+    # 1/cos α of the view angle, by which a pixel's beam is narrower across itself than on the image plane.
     weight = jnp.where(valid, norm(offset) / depth, 0.0)
     if projection:
         normals = surface.normals.reshape(-1, 3)
@@ -147,12 +148,14 @@ def total_error(
         sides: The two corners that bound the map's width; those that are farthest apart unless given.
     """
     low = chart.lowest
+    # Moments about the chart's lowest line from those about the eye: Σ w(r − low)^j by the binomial theorem.
     about = [
         sums[0],
         sums[1] - low * sums[0],
         sums[2] - low * (2 * sums[1] - low * sums[0]),
         sums[3] - low * (3 * sums[2] - low * (3 * sums[1] - low * sums[0])),
     ]
+    # Σ w(1 + uκ)³/z².
     cubic = about[0] + strength * (3 * about[1] + strength * (3 * about[2] + strength * about[3]))
     shrunk = _shrunk(chart, strength)
     last, first = widest(chart, strength) if sides is None else sides

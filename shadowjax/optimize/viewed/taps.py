@@ -25,7 +25,7 @@ CANDIDATES = ("ranks", "cells")
 
 
 class DepthCertificate(Checked):
-    """What was measured beside the extra depths of least error.
+    """Measurements reported with the extra depths of least error.
 
     Attributes:
         candidates: "ranks" (order statistics of the 3 × 3 neighbourhood) or "cells" (its eight neighbours).
@@ -165,7 +165,7 @@ def _published(candidates: str, depths: int) -> dict[str, tuple[int, ...]]:
 
 
 class TapCertificate(Checked):
-    """What was measured beside learned offsets of taps.
+    """Measurements reported with learned tap offsets.
 
     Attributes:
         start_offsets: Where they began: a K × K grid one texel apart, texels.
@@ -210,7 +210,7 @@ def taps(
 ) -> Solution[Float[Array, "taps 2"], TapCertificate]:
     """Where K² bilinear taps of PCF should lie, learned by BFGS on the squared error.
 
-    Tests of depth are steps, but bilinear weights are not: the gradient tells how the error changes as taps move. Taps
+    Tests of depth are steps, but bilinear weights are not: the gradient says how the error changes as taps move. Taps
     stay inside the grid's own extent plus a texel, so that one bias serves all of them.
 
     Args:

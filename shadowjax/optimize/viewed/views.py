@@ -43,7 +43,7 @@ OBJECTIVES: dict[str, PictureError] = {
 
 
 class Viewed(Checked):
-    """Receivers of one view with the truth about them, and a cast map that any filter can read.
+    """Receivers of one view with their reference visibility, and a cast map that any filter can read.
 
     Attributes:
         points: Valid receivers.
