@@ -29,7 +29,7 @@ class Call:
         raise ValueError(f"{self.label}: {name} must be {wanted}; got {came(value)}{tail}")
 
     def float_dtype(self) -> Any:
-        """The dtype of the first floating array among the arguments, which numbers beside it take; None without one."""
+        """The dtype of the first floating array among the arguments, which plain numbers take; None without one."""
         floating = (
             part for part in self.given if isinstance(part, jax.Array) and jnp.issubdtype(part.dtype, jnp.floating)
         )

@@ -209,7 +209,7 @@ def _prepare_streams() -> None:
 
 
 def _leave() -> None:
-    """End the process before Python takes itself apart: a signal then finds handlers to the last."""
+    """End the process before Python's own shutdown: a signal then finds handlers to the last."""
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError, AttributeError):
             stream.flush()

@@ -1,4 +1,4 @@
-"""What each command can be told: frozen dataclasses that map one to one to flags and to TOML."""
+"""Options of every command: frozen dataclasses that map one to one to flags and to TOML."""
 
 # Light imports only: help must not wait for JAX.
 
@@ -182,7 +182,7 @@ class Compare:
     techniques: TechniqueNames = ()
     """Techniques to compare, as NAME or LABEL=NAME (`shadowjax techniques`); one of every kind by default."""
     presets: bool = False
-    """Whether to compare every preset besides."""
+    """Whether to compare every preset as well."""
     pareto: Annotated[str | None, _FILE] = None
     """PNG file to write, or to replace: error against memory and time, the best joined by a line."""
     json: Annotated[str | None, _FILE] = None

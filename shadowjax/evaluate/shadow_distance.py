@@ -40,8 +40,8 @@ class TexelAdvice:
         texel: Length of the longer side of a texel, across the light.
         size: Longest side of the object's box.
         wanted: Texels that it should have across.
-        distance: The largest shadow distance that gives it so many; None if none does, or slices do not depend on it.
-        resolution: Texels along a side of each map that give so many at the present distance.
+        distance: The largest shadow distance that gives it that many; None if none does, or slices do not depend on it.
+        resolution: Texels along a side of each map that give that many at the present distance.
         far: The present one, or the camera's far plane.
     """
 

@@ -275,5 +275,5 @@ class Exponential(Filter):
 
 
 def _inner(border: str) -> str:
-    """How planes are read inside a map whose outside is handled apart."""
+    """How planes are read inside a map whose outside is handled separately."""
     return "clamp" if border == "lit" else border

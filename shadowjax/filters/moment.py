@@ -177,7 +177,7 @@ class _Central(Checked):
             weight = self.weight(point)
             before = before + jnp.where(t * point.below > point.above, weight, 0.0)
             whole = whole + weight
-        # Weights add up to 1. Where rounding has left few digits of h₂, one of them is off and the sum tells.
+        # Weights add up to 1. Where rounding has left few digits of h₂, one of them is off and the sum shows it.
         return before / whole
 
     def partners(self, t: Numbers) -> tuple[_Point, _Point]:

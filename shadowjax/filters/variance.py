@@ -190,7 +190,7 @@ class Variance(Prefiltered):
 
     Attributes:
         prefilter: How moments are averaged.
-        min_variance: Least variance, in squares of the range: what rounding cannot be told from. It keeps flat surfaces
+        min_variance: Least variance, in squares of the range: what is no more than rounding. It keeps flat surfaces
             lit; larger values soften contact.
         bleed_low: Bound that becomes 0, in [0, 1): the cure for light bleeding, which also darkens soft edges.
         bleed_high: Bound that becomes 1.

@@ -62,6 +62,7 @@ def max_error_x(view: View, distance, section: str = "axis", depths: int = 3):
     """M_x of the same warp, whose P is as narrow as the corners allow."""
     corners = view.corners()
     reach = [z * view.tan_x for z in (view.near, view.near, view.far, view.far)]
+    # P opens linearly from its centre n' below the lowest corner: its tangent is the largest x/z' of the corners.
     rises = corners - corners.min(axis=0)
     opening = np.max([x / (distance + rise) for x, rise in zip(reach, rises, strict=True)], axis=0)
     errors = [opening * (distance + rise) / (z * view.tan_x) for z, rise in _points(view, section, depths)]
@@ -89,6 +90,8 @@ def least(function: Callable, low: float, high: float, shape: tuple[int, ...] = 
     a, b = np.full(shape, np.log(low)), np.full(shape, np.log(high))
     for _ in range(steps):
         left, right = b - GOLDEN * (b - a), a + GOLDEN * (b - a)
+        # The minimum lies in the part that holds the lower of two inner points; both are evaluated anew, which
+        # vectorises.
         lower = function(np.exp(left)) <= function(np.exp(right))
         a, b = np.where(lower, a, left), np.where(lower, right, b)
     return function(np.exp((a + b) / 2))

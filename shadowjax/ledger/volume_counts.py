@@ -51,6 +51,8 @@ def crossings(trials: int, most: int = 4) -> Crossings:
     start = np.sum((eye[:, :, None] - points) * normals, -1)
     stop = np.sum((receiver[:, :, None] - points) * normals, -1)
     at = start / (start - stop)  # where the segment meets each plane
+    # Cyrus–Beck clip against four half-spaces: last entry and first exit. A plane with both ends outside is never
+    # entered, so its entry is ∞.
     first = np.max(np.where(start < 0, np.where(stop > 0, at, np.inf), 0), -1)
     last = np.min(np.where(stop < 0, np.where(start > 0, at, -np.inf), 1), -1)
     met = (first < last) & exists

@@ -185,7 +185,7 @@ class Cascades(Partition):
         return iterate_adaptive(near, far, weight, jnp.broadcast_to(ratio, (k - 1,)), 0.25)
 
     def with_margin(self, texels: float) -> "Cascades":
-        """The slices with maps that hold what a filter reads so many texels away, and what a bias moves it further."""
+        """The slices with maps that hold what a filter reads `texels` away, and what a bias moves it further."""
         return dataclasses.replace(self, margin=2 * math.ceil(texels))
 
     def fit(self, mesh: Mesh, light: Light, camera: Camera) -> "Cascades":

@@ -49,7 +49,7 @@ class Preset:
         engine: Whose it is.
         description: One line for people.
         parameters: What it is made of.
-        missing: What the engine does besides and this package has no counterpart for.
+        missing: What the engine also does and this package has no counterpart for.
         make: From a resolution and a caster to the technique.
         resolution: The engine's own, texels along a side of each map.
     """

@@ -17,7 +17,7 @@ from shadowjax.rays.ray_grid import RayGrid
 COARSE = 0.5
 # Share of the pixels that must be so coarse: a few lie right before the eye in any view.
 SHARE = 0.01
-# A map whose place is no farther from the origin of coordinates than so many of its depths is fine at any resolution.
+# A map whose place is no farther from the origin of coordinates than this many of its depths is fine at any resolution.
 CLOSE = 16.0
 
 REMEDY = (

@@ -238,7 +238,7 @@ def collect(
 
 
 def _resized(sized: Technique, given: Technique, factor: float) -> Technique:
-    """A technique for maps that are so many times finer: an object keeps its resolution unless it is told."""
+    """A technique with maps `factor` times finer; an object keeps its own resolution unless it is changed here."""
     if sized is given and isinstance(given, ShadowMapping):
         return dataclasses.replace(given, resolution=max(1, round(factor * given.resolution)))
     return sized

@@ -10,19 +10,19 @@ from jax import lax
 from shadowjax._types import Array, Float, Int
 from shadowjax.silhouettes._cells import BESIDE, Crossings, map_present, places_beside
 
-# Parts of a piece that are looked at apart: a part that changes and changes back is not noticed.
+# Parts of a piece that are looked at separately: a part that changes and changes back is not noticed.
 PARTS = 3
 # How close to its ends a piece is looked at, in distances of the places next to it.
 INSET = 4.0
 # Halvings that find where a piece changes.
 HALVINGS = 20
-# One piece in so many may change on its way; where there are more, the rest change in their middle.
+# One piece in this many may change on its way; where there are more, the rest change in their middle.
 CHANGING = 8
 # Pieces looked at together, a third of them all if that is no whole part: bounds memory.
 CHUNK = 1024
 
-# Grid positions left and right of a line, which places count, and the line → a number that tells cases apart (0: it
-# parts nothing), and what is found there.
+# Grid positions left and right of a line, which places count, and the line → a number for each case (0: it separates
+# nothing), and what is found there.
 Probe = Callable[[Array, Array, Array, Array], tuple[Array, Any]]
 
 

@@ -341,7 +341,7 @@ def _square_of(map_: AdaptiveMap, points: Points) -> Float[Array, "*points 2"]:
 def placed_on(
     map_: AdaptiveMap, points: Points, normals: Points
 ) -> tuple[Float[Array, "*points 2"], Float[Array, "*points"]]:
-    """Where receivers read: (s, t), and depth with rounding forgiven, world units.
+    """Where receivers read: (s, t), and depth less a tolerance for rounding, world units.
 
     Args:
         map_: Tiles.

@@ -218,7 +218,7 @@ class MappedShadows(Shadows):
         position, depth = grid.locate(forgiven.points)
         # What no surface of the map lies behind is tested as if it lay there.
         depth = jnp.minimum(depth, grid.far)
-        # On top of the chosen bias, forgive what rounding does to two computations of one depth.
+        # On top of the chosen bias, a tolerance for what rounding does to two computations of one depth.
         follows = forgiven.follows_plane or self.filter.follows_plane
         return Lookup(
             position,

@@ -69,7 +69,7 @@ class Boundary(Checked):
     caps: Num[Array, "faces 4"]
 
     def held_back(self, roundings: float) -> "Boundary":
-        """The same with the faces' planes farther from the eye by so many roundings of their offsets.
+        """The same with the faces' planes farther from the eye by a number of roundings of their offsets.
 
         A face then throws no shadow on what may lie on it. The offset is taken at the corner that leaves the least to
         rounding: from a wide floor that lies level nothing is lost.

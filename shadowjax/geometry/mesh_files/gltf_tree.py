@@ -173,7 +173,7 @@ def whole(holder: Any, name: str, default: int | None = None) -> int:
 
 
 def unpack_tree(data: bytes, place: Place) -> Tree:
-    """The tree and buffers of a .glb or .gltf file, which its first bytes tell apart.
+    """The tree and buffers of a .glb or .gltf file, which its first bytes distinguish.
 
     Raises:
         ValueError: If a size that is declared does not fit what is there, or a buffer may not be read.

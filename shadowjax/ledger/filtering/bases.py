@@ -35,6 +35,7 @@ def _series(inputs: Inputs) -> float:
 def _split_bases(inputs: Inputs) -> float:
     """Σ a_i(d) B_i(z): cosines and sines of the stored depth times those of the receiver, as a filter stores them."""
     (terms, damping), d, z = _size(inputs), inputs.number("d"), inputs.number("z")
+    # sin c(z − d) = sin cz·cos cd − cos cz·sin cd, summed apart: each sum holds one basis of the stored depth.
     c = frequencies(terms)
     weight = 2 * damping_weights(terms, damping) / c
     return 0.5 + math.fsum(weight * np.cos(c * d) * np.sin(c * z)) - math.fsum(weight * np.sin(c * d) * np.cos(c * z))
@@ -80,6 +81,7 @@ def _largest(inputs: Inputs) -> float:
     terms, damping = _size(inputs)
     grid = np.linspace(0, 0.5, 64 * terms + 1)
     slopes = np.array([_slope(x, terms, damping) for x in grid])
+    # Maxima: where the slope changes from positive to negative on a grid finer than any lobe.
     falls = np.flatnonzero((slopes[:-1] > 0) & (slopes[1:] <= 0))
     slope = lambda x: _slope(x, terms, damping)  # noqa: E731
     peaks = [float(optimize.brentq(slope, grid[i], grid[i + 1], xtol=1e-15)) for i in falls]  # pyright: ignore[reportArgumentType]
@@ -144,6 +146,7 @@ def _quantised_error(inputs: Inputs) -> float:
     depth = np.linspace(0, 1, 401)
     angle = np.outer(depth, np.pi * np.arange(1, 2 * terms, 2))
     bases = np.concatenate([np.sin(angle), np.cos(angle)], axis=1)
+    # [−1, 1] in 255 steps of 2/255: what rounding to the nearest takes away from every basis.
     lost = np.round((bases + 1) * 127.5) / 127.5 - 1 - bases
     receiver = np.concatenate([np.cos(angle), -np.sin(angle)], axis=1) * np.tile(
         2 / np.pi / np.arange(1, 2 * terms, 2), 2

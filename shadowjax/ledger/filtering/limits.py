@@ -123,6 +123,7 @@ def _series_integrated(inputs: Inputs) -> float:
 
 def _next_moment(inputs: Inputs) -> float:
     """Least σ with μ² + σ² at the number of float32 that follows μ², which is a power of two, by bisection."""
+    # A power of two is exact, and the gap above it is ε times itself: σ² must reach that gap.
     square = np.float32(inputs.number("mu") ** 2)
     following = float(np.nextafter(square, np.float32(np.inf)))
     low, high = 0.0, inputs.number("mu")

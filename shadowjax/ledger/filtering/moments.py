@@ -83,7 +83,7 @@ def _visibility_from_bound(inputs: Inputs) -> float:
 
 
 def _lit_share(inputs: Inputs) -> float:
-    """What is left of the whole besides the occluders before the receiver."""
+    """What is left of the whole without the occluders before the receiver."""
     weights, depths = occluders(inputs)
     return 1 - sum(w for w, z in zip(weights, depths, strict=True) if inputs.number("d") > z)
 
@@ -169,6 +169,7 @@ def _second_moment_integrated(inputs: Inputs) -> float | None:
     """E[(μ + z_x·x + z_y·y)²] by quadrature over the footprint's two axes, a Gaussian or a box."""
     kind, size = _footprint(inputs.text("footprint"))
     if kind == "gaussian":
+        # Four Gauss nodes an axis integrate the square of a linear function exactly.
         nodes, weights = np.polynomial.hermite_e.hermegauss(4)
         nodes = nodes * size
     elif kind == "box":

@@ -43,6 +43,7 @@ def _exact_misaddress(inputs: Inputs) -> Fraction:
     scale, half = _scale(size, rule), Fraction(1, 2) if rule == "round" else Fraction(0)
     right = Fraction(0)
     for texel in range(size):
+        # Where both step functions give this texel: the overlap of its own interval with that of (4.4).
         low = max(Fraction(texel, size), (texel - half) / scale)
         high = min(Fraction(texel + 1, size), (texel + 1 - half) / scale)
         right += max(high - low, Fraction(0))

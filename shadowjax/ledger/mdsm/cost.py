@@ -91,6 +91,7 @@ def _crossover(inputs: Inputs) -> Fraction:
 def _crossover_searched(inputs: Inputs) -> Fraction:
     """Where two straight lines of cost meet, from their values at two numbers of fragments."""
     h, w, q, taps, saved = *(inputs.integer(name) for name in ("h", "w", "q")), 4, _saved_taps(inputs)
+    # Both costs are affine in the fragments, so two values give the zero of their difference.
     gap = [
         cost.multi_depth_fetches(h, w, q, fragments, taps) - cost.lookup_fetches(fragments, taps + saved)
         for fragments in (0, saved)

@@ -116,7 +116,7 @@ def _diagonal_step(inputs: Inputs) -> int:
 
 
 def _random_lines(inputs: Inputs) -> int:
-    """Tones over windows cut by random straight lines, a route apart from the enumeration of directions."""
+    """Tones over windows cut by random straight lines, independent of the enumeration of directions."""
     side = kernel_width(inputs.integer("k")) + 2
     generator = np.random.default_rng(7)
     angle = generator.uniform(0, 2 * np.pi, 15_000)

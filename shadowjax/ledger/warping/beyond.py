@@ -47,6 +47,7 @@ def _map_worst(view: LightFrustum, distance: float, section: Section) -> float:
 def _golden(i: Inputs, section: Section) -> tuple[float, float]:
     """n' and M_z of the numeric minimax of the matrix map; at a kink the search is good to 1e-8 and no more."""
     view = frustum(i)
+    # In ln n', from 10⁻⁴·n to 10⁴·f.
     found: Any = minimize_scalar(
         lambda x: _map_worst(view, math.exp(x), section),
         bounds=(math.log(1e-4 * float(view.near)), math.log(1e4 * float(view.far))), method="bounded",
@@ -137,6 +138,8 @@ def _peak(i: Inputs) -> float:
 
 def _penalty(i: Inputs) -> float:
     """Loss over the whole section of n'₁ at γ_lim, as a function of r = f/n alone."""
+    # Lengths in units of n·tan φ·cos γ_lim. There the far plane's top decides over the whole section, where M_z ∝ 1 +
+    # W/n'; `full` is the n' that equalises both tops.
     r = i.number("f_over_n")
     q = math.sqrt(r) - 1
     first, full, extent = (r - math.sqrt(r) + 2) / q, 2 * (r - math.sqrt(r) + 1) / q, 2 * (r + 1)

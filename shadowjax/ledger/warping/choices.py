@@ -161,6 +161,7 @@ def _clamped_by_logs(i: Inputs) -> list[float]:
 def _equal_power(i: Inputs):
     """n' that makes m_x^α·m_z^β equal at both planes: (F − E·r)/(r − 1) with r = (f/n)^((α + β)/(α + 2β))."""
     view, alpha, beta = frustum(i), i.number("alpha"), i.number("beta")
+    # m_x ∝ (q + u)/z and m_z ∝ (q + u)²/z: equality at both planes is (q + F)/(q + E) = r.
     at_near, at_far = view.offset(view.near), view.offset(view.far)
     power = (view.far / view.near) ** ((alpha + beta) / (alpha + 2 * beta))
     return (at_far - at_near * power) / (power - 1)

@@ -67,11 +67,13 @@ def _m_closed(i: Inputs):
     h, slope = view.tan_y / s["res"], math.tan(s["alpha"])
     q, extent = s["nprime"], view.extent
     high = q + view.offset(jnp.asarray(s["depth"]), jnp.asarray(s["depth"] * slope))
+    # z'(t) = n'f'/(f' − t·W): the exact difference over t ± ½/res is dz'/dt/res over 1 − (W·z'/(2·res·n'f'))².
     texel = extent * high**2 / (q * (q + extent)) / s["res"]
     texel = texel / (1 - (extent * high / (2 * s["res"] * q * (q + extent))) ** 2)
     light = jnp.abs(jnp.sin(view.gamma + s["angle"]))
     sine, cosine = math.sin(s["angle"]), math.cos(s["angle"])
     lean = sine - slope * cosine
+    # Edges of slope ± h meet the line at ±h·z/(lean ∓ h·cos): both lengths added.
     pixel = 2 * h * s["depth"] * jnp.abs(sine - slope * cosine) / (lean**2 - (h * cosine) ** 2)
     return texel / light / pixel
 
@@ -124,7 +126,7 @@ def _offaxis(i: Inputs):
     """Thickness across the beam over eq. 17: cos α/(1 − (h·sin α·cos α)²) with h half a pixel at distance 1."""
     alpha = i.angle("view_angle_deg")
     half = math.tan(i.angle("phi_deg", "phi_y_deg")) / i.number("res")
-    # across the ray, the edges slope ± h lie at l = h·z/(cos α ∓ (…)): summed exactly
+    # Across the ray the edges tan α ± h lie at ±h·z/(1/cos α ± h·sin α): both lengths added, over 2h·z.
     return math.cos(alpha) / (1 - (half * math.sin(alpha) * math.cos(alpha)) ** 2)
 
 

@@ -88,6 +88,7 @@ def _rates(view: LightFrustum, near_distance: Array, depth: Array, substituted: 
     def one(z: Array) -> tuple[Array, Array]:
         zero = jnp.zeros_like(z)
         point = jnp.stack([zero, zero, z])
+        # Moves along x and z' of light space and along the view: their derivatives are ds/dx, dt/dz' and dt/dz.
         directions = jnp.stack([axes[0], axes[2], jnp.stack([zero, zero, zero + 1])])
         return warp_point(matrix, point), jax.jacfwd(lambda move: warp_point(matrix, point + move @ directions))(
             point * 0

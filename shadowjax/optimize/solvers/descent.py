@@ -26,7 +26,7 @@ class DescentCertificate(Checked):
     Attributes:
         losses: Of every step, and after the last.
         vertices: Of every step, and after the last; (steps + 1) × vertices × 3.
-        others: What the function gave beside loss and slope, of every step and after the last.
+        others: What the function gave next to loss and slope, of every step and after the last.
         finite: Whether all losses and slopes were finite; the descent stops at the first that is not.
         reason: Why it ended.
     """

@@ -195,7 +195,7 @@ def straddles(
 
     The test at the receiver is that of one of the four. If all agree, no edge that the map can show passes between.
     Each texel is held against the receiver's own plane at the texel's centre, so that a slope is no discontinuity; and
-    nothing is forgiven, since the bias of a coarse texel would hide what stands close to the receiver.
+    no bias is applied, since that of a coarse texel would hide what stands close to the receiver.
 
     Args:
         map_: Tiles.

@@ -93,7 +93,7 @@ def project(
 
 
 def cell_counts(num_points: int) -> tuple[int, int]:
-    """Rows and columns of cells for so many points: more columns, since the points of a row are tested in one run."""
+    """Rows and columns of cells for that many points: more columns, since the points of a row are tested in one run."""
     num_cells = max(num_points // FILL, 1)
     rows, cols = (min(MOST_CELLS, 1 << ((num_cells.bit_length() - k) // 2)) for k in (1, 0))
     return rows, cols

@@ -38,7 +38,7 @@ class GridCaster(Caster):
     begin where their distance along the view is 10⁻⁶ of the far limit: what is nearer is not seen.
 
     Attributes:
-        others: The caster for rays that this one cannot draw; None takes what is faster for so many: a tree, which
+        others: The caster for rays that this one cannot draw; None takes what is faster for that many: a tree, which
             a traced mesh needs anew in every call, or brute force.
     """
 
@@ -112,7 +112,7 @@ class GridCaster(Caster):
         return _visible(*jax.lax.stop_gradient((mesh, space, points, normals)))
 
     def _others(self, mesh: Mesh, num_rays: int | None) -> Caster:
-        """The caster for so many other rays; None for many casts of one tree."""
+        """The caster for that many other rays; None for many casts of one tree."""
         if self.others is not None:
             return self.others
         return BvhCaster() if tree_is_faster(mesh.num_faces, num_rays) else BruteForceCaster()
