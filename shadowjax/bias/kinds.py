@@ -56,6 +56,7 @@ class SlopeScaled(BiasRule):
 
     def apply(self, grid: RayGrid, points: Points, normals: Points) -> BiasedReceiver:
         """The receivers where they are, and the limited sum."""
+        # Change of the receiver's plane over one texel along each axis of the map: hardware's dz/dx and dz/dy.
         changes = jnp.abs(plane_gradient(grid, points, normals))
         change = jnp.sum(changes, axis=-1) if self.over == "sum" else jnp.max(changes, axis=-1)
         wanted = self.constant.astype(points.dtype) + self.slope.astype(points.dtype) * change
@@ -97,6 +98,7 @@ class NormalOffset(BiasRule):
             length = length * texel_size(grid, points)
         if self.by_sine:
             cosine = dot(normals, grid.space.to_source(points))
+            # sin θ from the cosine; 0 with a zero gradient where the light is perpendicular.
             length = length * safe_sqrt(1 - cosine**2)
         return BiasedReceiver(points + length[..., None] * normals, jnp.zeros_like(length))
 
@@ -176,6 +178,7 @@ class BiasSum(BiasRule):
     def apply(self, grid: RayGrid, points: Points, normals: Points) -> BiasedReceiver:
         """The sum of what the parts do."""
         each = [part.apply(grid, points, normals) for part in self.parts]
+        # Moves relative to the receiver add; each part has worked from the unmoved receiver.
         moved = points + sum((one.points - points for one in each), start=jnp.zeros_like(points))
         depth = sum((one.depth for one in each), start=jnp.zeros_like(points[..., 0]))
         return BiasedReceiver(moved, depth, any(one.follows_plane for one in each))

@@ -155,6 +155,7 @@ def depth_slope(grid: RayGrid, points: Points, normals: Points, limit: float = M
     """
     across, down = grid.cell_vectors(points)
     cosine = jnp.abs(dot(normals, grid.space.to_source(points)))
+    # |n·c| of both axes over the cosine; the sum bounds the change to any place within the texel's reach.
     rise = jnp.abs(dot(normals, across)) + jnp.abs(dot(normals, down))
     largest = limit * jnp.maximum(norm(across), norm(down))
     safe = jnp.maximum(cosine, jnp.finfo(points.dtype).eps)
@@ -188,6 +189,7 @@ def depth_change(
         return reach * depth_slope(grid, points, normals, limit)
     position, depth = grid.locate(points)
     behind = dot(normals, grid.space.to_source(points)) < 0
+    # Turned to the light, so that the cosine below is positive; the quotient does not depend on the normal's sign.
     facing = jnp.where(behind[..., None], -normals, normals)
     largest = limit * jnp.abs(reach) * texel_size(grid, points)
     change = reach * depth_slope(grid, points, normals, limit)

@@ -138,6 +138,7 @@ class BiasScale(Checked):
         if unit == "ndc":
             return 1.0 / require_value(self.ndc, self.ndc > 0, "NDC units need a depth buffer: give a DepthBuffer")
         one = jnp.ones_like(self.texel)
+        # A move by h along the normal frees h/cos θ of depth.
         sizes = {
             "world": one, "texel": self.texel, "slope": self.slope,
             "normal": one / self.cosine, "normal-texel": self.texel / self.cosine,

@@ -30,6 +30,7 @@ def depth_at_texel(
     """
     if gradient is None:
         return depth
+    # From the receiver to the texel's centre, in texels; the plane's gradient is per texel too.
     x = col.astype(depth.dtype) + 0.5 - position[..., 0]
     y = row.astype(depth.dtype) + 0.5 - position[..., 1]
     return depth + gradient[..., 0] * x + gradient[..., 1] * y

@@ -28,6 +28,7 @@ def gather_samples(depth: Depth) -> Samples:
     """
     rows, cols = depth.shape
     require(rows % 2 == 0 and cols % 2 == 0, f"blocks of 2 × 2 samples need even sides; got a map of {rows} × {cols}")
+    # The cells of one place in all 2 × 2 blocks are one of the four shifted maps.
     return jnp.stack([depth[row::2, col::2] for row, col in CELLS])
 
 
@@ -51,6 +52,7 @@ class Supersampled(Filter):
         stored = read_texels(planes, col, row, lookup.border)
         count = jnp.zeros(lookup.depth.shape, planes.dtype)
         for depth, (d_row, d_col) in zip(stored, CELLS, strict=True):
+            # Each sample at its own cell, for filters that follow the receiver's plane.
             receiver = lookup.depth_at(2 * col + d_col, 2 * row + d_row)
             count = count + is_lit(depth, receiver, lookup.bias).astype(planes.dtype)
         return count / len(CELLS)

@@ -25,6 +25,7 @@ def ranked(depth: Float[Array, "rows cols"], size: int = 3) -> Float[Array, "n r
         size: Width of the neighbourhood, texels, ≥ 2.
     """
     require_int(size, "neighbourhood size", 2)
+    # Neighbours along the first axis: sorted there, plane r is the (r + 1)-th smallest everywhere.
     return jnp.sort(jnp.stack([shifted(depth, *cell) for cell in neighbourhood_cells(size)]), axis=0)
 
 

@@ -79,6 +79,7 @@ def fourier_visibility(bases: Values, depth: Numbers, damping: float = 0.0) -> N
     Source: filtering, eqs 2.15 and 2.17, with the sign of the latter.
     """
     num_terms = len(bases) // 2
+    # 2/c_k are the sine coefficients of the step (eq. 2.16), damped term by term.
     gains = 2 * damping_weights(num_terms, damping) / frequencies(num_terms)
     total = jnp.full_like(depth, 0.5)
     for k, (cosine, sine) in enumerate(odd_waves(depth, num_terms)):
@@ -151,6 +152,7 @@ def decode_convolution(
 
     Source: filtering, eqs 2.15 to 2.18.
     """
+    # Receivers are squeezed as stored depths were, so that |z − d| stays below the series' half period.
     where = _series_depth(depth, len(values) // 2, offset)
     return _finished(fourier_visibility(values, where, damping), scale)
 

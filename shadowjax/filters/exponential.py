@@ -34,6 +34,7 @@ def check_exponent(exponent: ScalarLike, dtype: DType, power: int = 1, growth: f
 
     Source: filtering, section 2.5.1.
     """
+    # growth·e^(power·c) ≤ max at z = 1, solved for c.
     largest = float(np.log(float(jnp.finfo(dtype).max)) - np.log(growth)) / power
     require(
         bool(exponent <= largest),
@@ -254,6 +255,7 @@ class Exponential(Filter):
     @property
     def num_fetches(self) -> int:
         """Exponentials, and what the fallback reads."""
+        # The z-max fallback reads one more number; bilinear PCF of K taps reads (K + 1)² depths.
         extra = {"none": 0, "threshold": 0, "z-max": 1}[self.fallback]
         taps = 0 if self.fallback == "none" else (self.fallback_size + 1) ** 2
         return self.prefilter.num_fetches + extra + taps

@@ -57,6 +57,7 @@ def warped_bound(values: Values, depth: Numbers, exponent: ScalarLike, min_varia
     """
     mean, square = values
     receiver = warp_depth(depth, exponent)
+    # dw/dz = 2c·w carries a variance of depth to one of warped depth, at the receiver.
     least = min_variance * (2 * exponent) ** 2 * receiver * receiver
     # Measured in units of the receiver's own warped depth, squares cannot overflow where the moments did not. In front
     # of the mean they can, and moments do not matter there.
@@ -156,6 +157,7 @@ class ExponentialVariance(Prefiltered):
     def check(self, dtype: DType) -> None:
         """Second moments must be finite."""
         for exponent in map(abs, self.exponents):
+            # The planar term multiplies the second moment by at most this, with both slopes at their limit.
             growth = 1 + self.footprint * (2 * exponent) ** 2 * 2 * self.slope_limit**2
             check_exponent(exponent, dtype, 2, growth)
 

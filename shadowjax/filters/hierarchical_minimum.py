@@ -23,6 +23,7 @@ def block_minimum(depth: Depth, size: int) -> Depth:
     rows, cols = depth.shape
     # −rows % size texels repeat the edge, so that blocks cut at the edge keep their own minimum.
     padded = jnp.pad(depth, ((0, -rows % size), (0, -cols % size)), mode="edge")
+    # Axes 1 and 3 run within a block.
     blocks = padded.reshape(padded.shape[0] // size, size, padded.shape[1] // size, size)
     smallest = jnp.min(blocks, axis=(1, 3))
     return jnp.repeat(jnp.repeat(smallest, size, axis=0), size, axis=1)[:rows, :cols]

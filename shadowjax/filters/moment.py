@@ -86,6 +86,7 @@ def hausdorff_visibility(moments: Values, depth: Numbers) -> Numbers:
     inside = jnp.ones_like(t, bool)
     for point in partners:
         inside &= jnp.abs(point.above + central.mean * point.below) <= point.below
+    # Both distributions are worked out everywhere, and chosen by whether three points fit into [−1, 1].
     three = central.share_before(t, partners)
     four = _shadow_of_four_points(moments, jnp.clip(depth, -1.0, 1.0))
     return 1 - jnp.where(inside, three, four)
@@ -135,6 +136,8 @@ class _Point(NamedTuple):
     @classmethod
     def of(cls, above: Numbers, below: Numbers) -> "_Point":
         """The ratio, brought to size 1."""
+        # A ratio is known up to a factor: brought to size 1 with a lower part ≥ 0, its powers neither overflow nor
+        # change sign.
         size = jnp.maximum(jnp.abs(above), jnp.abs(below))
         size = jnp.where(size > 0, size, jnp.ones_like(size))
         size = jnp.where(below < 0, -size, size)
@@ -155,6 +158,7 @@ class _Central(Checked):
         few = 8 * jnp.finfo(b1.dtype).eps
         # By covariances of z and z²: fewer sums, so fewer digits lost, than by central moments one by one.
         variance = jnp.maximum(b2 - b1 * b1, few)
+        # z² regressed on z: the slope is cov(z, z²)/var(z) = m₃/m₂ + 2m₁, and what is left of var(z²) is h₂.
         slope = (b3 - b1 * b2) / variance
         rest = jnp.maximum(b4 - b2 * b2 - (b3 - b1 * b2) * slope, few * variance)
         skew = slope - 2 * b1
@@ -171,6 +175,7 @@ class _Central(Checked):
 
     def share_before(self, t: Numbers, partners: tuple[_Point, _Point]) -> Numbers:
         """Weight of the two partners of t that lie before it."""
+        # The receiver's own weight joins the sum, but does not lie before itself.
         whole = self.weight(_Point.of(t, jnp.ones_like(t)))
         before = jnp.zeros_like(t)
         for point in partners:
@@ -218,6 +223,7 @@ def _shadow_of_four_points(moments: Values, t: Numbers) -> Numbers:
     far_sum = 1 - weight(t, (-one, x, one)) - weight(one, (-one, x, t))
     near_sum = end + weight(x, (-one, t, one))
     both = jnp.where(x + 1 < 1 - t, far_sum, near_sum)
+    # −1 always lies before the receiver, x only where it is less.
     return jnp.clip(jnp.where(x < t, both, end), 0.0, 1.0)
 
 

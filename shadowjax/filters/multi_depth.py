@@ -24,6 +24,7 @@ def shifted(depth: Depth, d_row: int, d_col: int) -> Depth:
     """The map whose texel (r, c) holds `depth[r + d_row, c + d_col]`; beyond the border the edge texel repeats."""
     num_rows, num_cols = depth.shape
     rows, cols = abs(d_row), abs(d_col)
+    # As many rows and columns on all sides as the shift is long; the slice below is the shifted map.
     padded = jnp.pad(depth, ((rows, rows), (cols, cols)), mode="edge")
     return padded[rows + d_row : rows + d_row + num_rows, cols + d_col : cols + d_col + num_cols]
 
@@ -226,6 +227,7 @@ class Neighbourhood(DepthPolicy):
     @property
     def centroid(self) -> tuple[float, float]:
         """0 for odd sizes; the middle of an even neighbourhood is half a texel off for all depths but the own."""
+        # Even neighbourhoods reach one texel further right and down; the own depth has no offset.
         off = 0.0 if self.size % 2 else 0.5 * (self.num_depths - 1) / self.num_depths
         return off, off
 
@@ -340,6 +342,8 @@ class StochasticNeighbour(DepthPolicy):
     @property
     def centroid(self) -> tuple[float, float]:
         """0 for odd sizes; for even ones the mean over all draws."""
+        # The offsets of size² cells average ½; without the centre their sum ½·size² is shared by one cell less, and
+        # half of the depths are the own.
         off = 0.0 if self.size % 2 else 0.25 * self.size**2 / (self.size**2 - 1)
         return off, off
 

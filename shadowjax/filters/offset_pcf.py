@@ -49,6 +49,7 @@ class OffsetPercentageCloser(Filter):
             depth = lookup.depth
             if lookup.gradient is not None:  # the receiver's plane where the tap is
                 depth = depth + lookup.gradient[..., 0] * offset[0] + lookup.gradient[..., 1] * offset[1]
+            # Moving the receiver by the tap's offset is one bilinear read around the tap, with weights that follow it.
             moved = eqx.tree_at(lambda one: (one.position, one.depth), lookup, (lookup.position + offset, depth))
             return total + percentage_closer_of(planes, moved, 1, "bilinear"), None
 

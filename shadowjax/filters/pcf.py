@@ -91,6 +91,7 @@ def _nearest_count(
     position, depth, gradient = receivers
     x, y = position[..., 0] + shift[0], position[..., 1] + shift[1]
     offsets = kernel_offsets(kernel_size)
+    # Columns and rows of the taps are worked out once each, not for every pair.
     cols = [texel_index(x + offset * spacing) for offset in offsets]
     rows = [texel_index(y + offset * spacing) for offset in offsets]
     count = jnp.zeros(depth.shape, planes.dtype)
@@ -119,6 +120,7 @@ def _bilinear_count(
     def blend(values: list[Array], fraction: Array) -> Array:
         return sum(values[1:-1], values[0]) + fraction * (values[-1] - values[0])
 
+    # (K + 1)² texels, each tested once: blended along columns within a row, then the rows.
     lines = []
     for d_row in range(kernel_size + 1):
         line = []

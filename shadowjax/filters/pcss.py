@@ -53,6 +53,7 @@ def _over_taps(
 ) -> Any:
     """Fold `step(state, stored depth, whether it shadows)` over K × K taps; a loop, as taps are many."""
     offsets = jnp.asarray(kernel_offsets(num_taps), lookup.position.dtype)
+    # All K² offsets in one list: `scan` then compiles one tap.
     taps = jnp.stack(jnp.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)
 
     def one(state: Any, tap: Array) -> tuple[Any, None]:
@@ -139,6 +140,7 @@ class ContactHardening(Filter):
         # No blocker is nearer to the light than the map's nearest depth, so no penumbra is wider than its.
         search = self._width(lookup, jnp.minimum(planes.nearest, lookup.depth))
         blocker, count = mean_blocker_depth(planes.depth, lookup, self.num_search_taps, search / self.num_search_taps)
+        # Penumbra of the mean blocker, for the second step's kernel.
         width = self._width(lookup, blocker)
 
         def step(dark: Numbers, stored: Numbers, blocks: Bool[Array, "*points"]) -> Numbers:

@@ -116,6 +116,7 @@ def unit_depth(depth: Float[Array, "*shape"], near: ScalarLike, far: ScalarLike)
         near: Depth that becomes 0, world units.
         far: Depth that becomes 1; a range that is empty is taken as one world unit.
     """
+    # A flat map has no range: one world unit keeps receivers behind it behind it.
     width = jnp.asarray(far - near, depth.dtype)
     return (depth - near) / jnp.where(width > 0, width, jnp.ones_like(width))
 

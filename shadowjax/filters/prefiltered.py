@@ -94,6 +94,7 @@ class Prefiltered(Filter):
         codes = self.encode(extend(depth_range.to_unit(depth), radius, border, jnp.ones((), depth.dtype)))
         if outlines is not None:
             rows, cols = (slice(radius, radius + size) for size in depth.shape)
+            # Texels that outlines cross take means of both sides; the border beyond the map has no outlines.
             inner = outlines.blended(codes[:, rows, cols], _OfList(self, depth_range))
             codes = codes.at[:, rows, cols].set(inner)
         return EncodedMap(self.prefilter.prepare(codes), depth_range, *depth.shape)

@@ -33,6 +33,7 @@ def surface_slopes(
     """
 
     def along(axis: int) -> Array:
+        # Differences to both neighbours, `before` and `after`, at every texel.
         step = jnp.diff(depth, axis=axis)
         # Beyond the edge of the map the last difference goes on.
         first, last = (jnp.take(step, jnp.asarray([i], jnp.int32), axis=axis) for i in (0, step.shape[axis] - 1))
@@ -42,6 +43,7 @@ def surface_slopes(
         smaller = jnp.where(sizes[0] <= sizes[1], before, after)
         agree = jnp.maximum(*sizes) <= 2 * jnp.minimum(*sizes)
         one_sided = jnp.where(agree, 0.5 * (before + after), smaller)
+        # Opposite signs: a ridge or a valley, whose tangent plane is taken as level.
         slope = jnp.where(before * after > 0, one_sided, jnp.zeros_like(smaller))
         return slope if limit is None else jnp.clip(slope, -limit, limit)
 

@@ -40,6 +40,7 @@ def gaussian_weights(size: int, sigma: ScalarLike | None = None) -> Weights:
     )
     offsets = np.arange(-radius, radius + 1)
     if known is not None:
+        # Known widths give NumPy weights, which compile into the program as constants.
         weights = np.exp(-0.5 * (offsets / known) ** 2)
     else:
         weights = jnp.exp(-0.5 * (jnp.asarray(offsets, jnp.result_type(sigma)) / sigma) ** 2)
@@ -132,6 +133,7 @@ def blur(planes: Float[Array, "n more_rows more_cols"], weights: Weights) -> Flo
 
 
 def _sum_along(planes: Array, weights: Weights, axis: int) -> Array:
+    # Slice i holds tap i of every result: the blur is a weighted sum of shifted slices.
     length = planes.shape[axis] - len(weights) + 1
     require(length > 0, f"a kernel of {len(weights)} taps does not fit into a map of {planes.shape[axis]} texels")
     parts = [jax.lax.slice_in_dim(planes, i, i + length, axis=axis) for i in range(len(weights))]

@@ -101,6 +101,7 @@ def mip_level(footprint: Float[Array, "*points 2 2"]) -> Numbers:
 
     Source: OpenGL 4.6 specification, section 8.14.1; asm, mip-map footprints.
     """
+    # Squared lengths of the two columns of the Jacobian; ½·log₂ of the larger is λ.
     square = jnp.max(jnp.sum(footprint * footprint, axis=-2), axis=-1)
     return 0.5 * jnp.log2(jnp.maximum(square, 1.0))
 
@@ -210,6 +211,7 @@ def read_anisotropic(
         values = read_trilinear(pyramid, position + axis * (along * longer)[..., None], level, border)
         return [total + value for total, value in zip(sums, values, strict=True)], None
 
+    # Middles of `num` equal parts of the longer axis, from −½ to ½.
     offsets = (jnp.arange(num, dtype=position.dtype) + 0.5) / num - 0.5
     zeros = [jnp.zeros(position.shape[:-1], position.dtype) for _ in pyramid.texels]
     sums, _ = jax.lax.scan(step, zeros, offsets)

@@ -39,6 +39,7 @@ def read_texels(
     outside = (col < 0) | (col >= num_cols) | (row < 0) | (row >= num_rows)
     if border == "octahedral":
         col, row = fold(col, row, num_cols, num_rows)
+    # Clamped first, so that every index is valid; what lies outside is replaced afterwards.
     flat = jnp.clip(row, 0, num_rows - 1) * num_cols + jnp.clip(col, 0, num_cols - 1)
     values = [plane.reshape(-1)[flat] for plane in planes]
     if border == "lit":

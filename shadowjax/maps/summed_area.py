@@ -17,6 +17,7 @@ Table = tuple[Float[Array, "n more_rows more_cols"], Float[Array, "n more_rows m
 def _two_sum(a: Array, b: Array) -> Pair:
     """a + b and its rounding error, exactly (Knuth)."""
     total = a + b
+    # What of b arrived in the total; the rest of both is the error, without any branch on sizes.
     from_b = total - a
     return total, (a - (total - from_b)) + (b - from_b)
 
@@ -117,6 +118,7 @@ def _box_along(centre: Array, size: Array, length: int) -> tuple[list[Array], tu
     """The lines of the table round both ends of an interval, the fractions between them, and the interval's length."""
     # At least one texel's sliver of the map, so that the mean exists.
     sliver = 1e-3
+    # The interval is cut to the map: what lies outside does not count.
     start = jnp.clip(centre - 0.5 * size, 0.0, length - sliver)
     end = jnp.maximum(jnp.clip(centre + 0.5 * size, 0.0, float(length)), start + sliver)
     first = jnp.clip(jnp.floor(start), 0, length - 1).astype(jnp.int32)

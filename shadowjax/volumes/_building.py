@@ -70,6 +70,7 @@ def grow(cutter: Cutter, rings: list[Ring], sources: np.ndarray, balance: float,
             (np.concatenate([group[ahead & ~behind], front]), True),
             (np.concatenate([group[behind & ~ahead], back]), False),
         )
+        # A stack instead of recursion: trees may be deeper than Python's limit.
         waiting += [(side, node, is_front) for side, is_front in sides if len(side)]
     return grown
 
@@ -107,6 +108,7 @@ class _Pool:
         equation, tolerance = self.cutter.planes[plane], self.cutter.tolerance
         distances = self.points[self.corners[group]] @ equation[:3] + equation[3]
         distances = np.where(np.abs(distances) <= tolerance, 0, distances)
+        # New pieces are numbered behind all that exist, in the order in which they are made.
         known = len(self.rings)
         parts: tuple[list[int], list[int]] = ([], [])
         added, sources = [], []

@@ -58,8 +58,10 @@ class Cutter:
         front: Ring = ([], [])
         back: Ring = ([], [])
         on_plane: list[int] = []
+        # The cut itself is a new line, shared by both parts; its ends are known after the walk.
         chord = len(self.ends)
         for at, (corner, line, here) in enumerate(zip(corners, lines, distances, strict=True)):
+            # One walk round the ring: each corner, then the crossing on the side behind it, if there is one.
             before, after = distances[at - 1], distances[(at + 1) % len(corners)]
             if here == 0 and before * after < 0:
                 on_plane.append(corner)
@@ -109,6 +111,7 @@ class Cutter:
         first, second = (self.points[end] for end in self.ends[line])
         normal, offset = self.planes[plane, :3], self.planes[plane, 3]
         one, two = float(normal @ first + offset), float(normal @ second + offset)
+        # Linear interpolation of the signed distances of the line's own ends, not of the piece's.
         place = one / (one - two)
         point = first + place * (second - first)
         length = float(np.linalg.norm(second - first))

@@ -93,6 +93,7 @@ class BspTree(Checked):
         near = jnp.where(before, self.ahead, self.behind)
         # What the parent puts before a node's first piece; then the sum along the way down.
         skipped = jnp.where(self.in_front == before[above], 0, near[above] + self.num_own[above])
+        # Pointer doubling: after step j, `start` sums 2ʲ ancestors and `jump` points 2ʲ up; the root adds 0.
         start, jump = jnp.where(self.parent >= 0, skipped, 0), above
         for _ in range(math.ceil(math.log2(max(self.height, 2)))):
             start, jump = start + start[jump], jump[jump]
@@ -222,11 +223,13 @@ def _planes(points: np.ndarray, rings: list[list[int]], tolerance: float) -> tup
     longest = np.sqrt((relative**2).sum(axis=2)).max(axis=1)
     flat = length > tolerance * longest
     unit = np.where(flat[:, None], normals, 0) / np.where(flat, length, 1)[:, None]
+    # Of every corner from the plane through corner 0.
     distance = (relative * unit[:, None]).sum(axis=2)
     bent = flat & (np.abs(distance).max(axis=1) > tolerance)
     require(not bent.any(), f"polygons must be flat: corners of polygon {int(bent.argmax())} lie up to "
             f"{np.abs(distance).max():.3g} off its plane; give triangles")  # fmt: skip
     sides = np.roll(where, -1, axis=1) - where
+    # Into the polygon, perpendicular to each side within its plane.
     inward = np.cross(unit[:, None], sides)
     side_length = np.linalg.norm(sides, axis=2)
     # Signed distance of every corner from every side, all inside for a convex polygon.

@@ -67,6 +67,7 @@ def _count(regions: Regions, points: Array, counts: Array, frame: Array) -> Arra
     first_col, last_col = across.tiles(low[0], high[0])
     # Row 0 is the top of the image.
     first_row, last_row = down.tiles(-high[1], -low[1])
+    # Regions without a tile or a weight go to the end of the list and are never visited.
     drawn = (first_col <= last_col) & (first_row <= last_row) & (jnp.arange(low.shape[1], dtype=jnp.int32) < num)
     order = jnp.argsort(~drawn, stable=True)
 
@@ -128,6 +129,7 @@ def _spans(seen: Float[Array, "rows cols 3"], counts: Bool[Array, "rows cols"]) 
     depth = jnp.where(in_front, seen[..., 2], 1)
     spans = []
     for axis, sign, side in ((1, 1, SMALL), (0, -1, ROWS)):
+        # Image coordinates grow along the row of tiles: x to the right, −y downwards.
         value = sign * seen[..., 1 - axis] / depth
         low = jnp.where(counts, jnp.where(in_front, value, -endless), endless)
         high = jnp.where(counts, jnp.where(in_front, value, endless), -endless)

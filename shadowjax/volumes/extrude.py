@@ -51,6 +51,7 @@ def volume_edges(mesh: Mesh) -> VolumeEdges:
         return VolumeEdges(ends, sides, jnp.ones_like(sides))
     _, first, place = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
     faces = first[place.reshape(-1)][faces]
+    # Side i from corner i to corner i + 1; its edge is the sorted pair, its sign the sense.
     sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
     ends, edge = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
     return VolumeEdges(

@@ -16,6 +16,7 @@ GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 def disc(num: int) -> Float[Array, "num 2"]:
     """Points spread evenly over the unit disc, each standing for an equal part of its area (Vogel's spiral)."""
     index = jnp.arange(require_int(num, "num_lights", 1), dtype=float)
+    # Radius √(i/n) gives rings of equal area; the golden angle never aligns neighbours.
     radius, angle = jnp.sqrt((index + 0.5) / num), index * GOLDEN_ANGLE
     return jnp.stack([radius * jnp.cos(angle), radius * jnp.sin(angle)], axis=-1)
 

@@ -75,6 +75,7 @@ class Boundary(Checked):
         rounding: from a wide floor that lies level nothing is lost.
         """
         normal = self.caps[:, :3]
+        # Products whose sum is the offset, at each of the three corners: rounding is a share of their sizes.
         parts = normal[:, None] * self.corners[self.faces]
         size = jnp.sum(jnp.abs(parts), axis=-1)
         best = jnp.argmin(size, axis=1)[:, None]
@@ -96,6 +97,7 @@ class Boundary(Checked):
         total = jnp.where(jnp.any(self.walls[:, :3] != 0, axis=-1), total, 0)
         planes = [_through_eye(part) for part in (self.lines[first], self.lines[second], self.fronts)]
         sides = [~front_side, front_side, front_side]
+        # The wall's quad; its far corners are directions, which bound the same cone from the eye.
         outline = jnp.stack([self.corners[first], self.corners[second], self.away[second], self.away[first]], axis=1)
         # Seen from its other side a wall is crossed the other way: its weight changes sign with the eye's side.
         return _crossed(planes, sides, self.walls, jnp.where(front_side, total, -total), outline, beyond)
@@ -226,6 +228,7 @@ def up_and_down(
         for k in range(UNROLL):
             a, b, c, d = (regions.planes[block * UNROLL + k, :, axis, None] for axis in range(4))
             side = regions.sides[block * UNROLL + k, :, None]
+            # All planes of one region against all points; a padded region has no weight, so its answer does not count.
             inside = jnp.all((a * x + b * y + c * z + d >= 0) == side, axis=0)
             weight = regions.weights[block * UNROLL + k]
             up = up + jnp.where(inside, jnp.maximum(weight, 0), 0)

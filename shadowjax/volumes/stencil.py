@@ -48,6 +48,7 @@ class Stencil(Checked):
         Returns:
             Values from 0 to 2^bits − 1. Light belongs where they are 0.
         """
+        # Increments in one pass, decrements in the next: saturation acts at the top first, then at 0.
         size = 1 << self.bits
         if self.wraps:
             return (start + up - down) % size
@@ -135,6 +136,7 @@ def near_plane_counts(boundary: Boundary, points: Num[Array, "*points 3"], near:
     increment.
     """
     walls = boundary.wall_regions(False)
+    # Walls between near plane and point: all on the way less those before the near plane.
     up, down = up_and_down(walls, points)
     cut_up, cut_down = up_and_down(walls, near)
     return Counts(count_regions(boundary.volumes(), near), up - cut_up, down - cut_down)
