@@ -1,11 +1,11 @@
 """Shadow maps as functions from arrays to arrays: what the objects of this package call, for `jit`, `vmap` and `grad`.
 
-No object of this package goes in or comes out. Each function lives beside the object that calls it:
+No object of this package goes in or comes out. Each function stands next to the object that calls it:
 
 - the map of a directional light: `map_rays`, `cast_depth`, `to_map`;
 - several depths a texel: `multi_depth`, `multi_depth_shift`, `composite_test`;
 - filters that count tests: `shadow_test`, `percentage_closer`;
-- filters that average codes of depths of [0, 1] (`unit_depth`): `encode_…` makes what is stored of a map, and
+- filters that average values made of depths of [0, 1] (`unit_depth`): `encode_…` makes what is stored of a map, and
   `decode_…` visibility of the averages that receivers read; with the bounds and series they are made of;
 - averages: `extend` and `blur` with `gaussian_weights` or `box_weights`, `blur_exponents` for logarithms, `mip_levels`,
   `summed_area_table`;

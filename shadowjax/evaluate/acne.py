@@ -118,6 +118,7 @@ class NeededBias(NamedTuple):
 @checked
 def component_labels(mesh: Mesh, precision: float = 1e-6) -> Int[np.ndarray, "faces"]:
     """Number of the connected body that each triangle belongs to; corners closer than `precision` · extent are one."""
+    # Corners rounded to a lattice weld what files repeat to their last digit.
     vertices = np.asarray(mesh.vertices, float)
     scale = max(float(np.ptp(vertices, axis=0).max()), 1e-30) * precision
     _, welded = np.unique(np.round(vertices / scale).astype(np.int64), axis=0, return_inverse=True)

@@ -244,6 +244,7 @@ def record(
         visibility_ms: Measured elsewhere.
     """
     far = _away_from_edges(np.asarray(view.per_pixel(view.exact)), np.asarray(view.pixel_mask))
+    # Light that arrives at pixels: by the technique, by the reference, and without any shadow.
     arriving = [downsample(view.cosine * value, view.samples_per_axis) for value in (visibility, view.exact, 1.0)]
     wrong, power = jnp.sum((arriving[0] - arriving[1]) ** 2), jnp.sum(arriving[2] ** 2)
     test, truth, mask = view.per_pixel(visibility), view.per_pixel(view.exact), view.pixel_mask

@@ -167,12 +167,14 @@ def beams(
     point = jnp.stack([jnp.zeros_like(depth), depth * slope, depth])
     st = warp_point(matrix, point)
 
+    # z' of a texture coordinate through the inverse matrix: where the texel's edges lie in light space.
     def level(t: Numbers) -> Numbers:
         found = unbent @ jnp.stack([st[0], jnp.zeros_like(t), t, jnp.ones_like(t)])
         return dot(light_axes(frustum.gamma)[2], found[:3] / found[3])
 
     up = light_axes(frustum.gamma)[2]
     width = jnp.abs(level(st[1] + 0.5 / map_rows) - level(st[1] - 0.5 / map_rows))
+    # Direction of the line in (z, y); its share along z' turns the texel's thickness into a length on it.
     sine, cosine = jnp.sin(angle), jnp.cos(angle)
     along = jnp.abs(up[1] * sine + up[2] * cosine)  # change of z' per length of the line
     view_angle = jnp.arctan(slope)
@@ -205,6 +207,7 @@ def footprint(
     square = (positions[..., None, :] + offsets) / grid.resolution
     rays = grid.rays_at(square)
     facing = jnp.broadcast_to(normals[..., None, :], (*square.shape[:-1], 3))
+    # Distance along each corner ray to the receiver's plane.
     reach = safe_divide(dot(points[..., None, :] - rays.origins, facing), dot(rays.directions, facing))
     corner = rays.origins + reach[..., None] * rays.directions
     # Half the cross product of the diagonals is the area of a flat quadrilateral.
@@ -243,6 +246,7 @@ def aliasing_map(camera: RayGrid, shadow_map: RayGrid, points: Points, normals: 
     flat, facing = points.reshape(-1, 3), normals.reshape(-1, 3)
 
     def spans(point: Vector3, normal: Vector3) -> tuple[Array, Array]:
+        # Two tangents span the surface; both projections are differentiated along them at once.
         first = any_perpendicular(normal)
         tangents = jnp.stack([first, jnp.cross(normal, first)])
 

@@ -152,6 +152,7 @@ class EdgeDistance(NamedTuple):
 def _cracks(lit: Bool[np.ndarray, "rows cols"], valid: Bool[np.ndarray, "rows cols"]) -> Bool[np.ndarray, "r c"]:
     """Edges on a grid of half the spacing: pixels at even indices, sides between pixels where one index is odd."""
     grid = np.zeros((2 * lit.shape[0] - 1, 2 * lit.shape[1] - 1), bool)
+    # Between rows, then between columns; both pixels must count.
     grid[1::2, ::2] = (lit[1:] != lit[:-1]) & valid[1:] & valid[:-1]
     grid[::2, 1::2] = (lit[:, 1:] != lit[:, :-1]) & valid[:, 1:] & valid[:, :-1]
     return grid

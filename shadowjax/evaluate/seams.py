@@ -65,6 +65,7 @@ def texel_picture(shadows: MappedShadows, points: Points) -> Float[Array, "*poin
     Its steps between neighbouring pixels are the seams one sees; blending turns them into ramps.
     """
     grids = shadows.grids
+    # ln √(width · height) of a texel.
     sizes = [jnp.sum(jnp.log(jnp.maximum(texel_widths(grid, points), 1e-30)), axis=-1) / 2 for grid in grids]
     if len(grids) == 1:
         return sizes[0]

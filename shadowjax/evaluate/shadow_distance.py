@@ -94,6 +94,7 @@ def objects(mesh: Mesh) -> tuple[Float[np.ndarray, "objects 3"], Float[np.ndarra
     """
     vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
     _, place = np.unique(vertices, axis=0, return_inverse=True)
+    # Two sides of each triangle connect its three corners.
     sides = place.reshape(-1)[faces[:, [0, 1, 1, 2]]].reshape(-1, 2)
     number = int(place.max()) + 1
     graph = coo_matrix((np.ones(len(sides), bool), sides.T), shape=(number, number))
@@ -105,6 +106,7 @@ def objects(mesh: Mesh) -> tuple[Float[np.ndarray, "objects 3"], Float[np.ndarra
     np.maximum.at(upper, part, corners.max(axis=1))
     used = np.isfinite(lower[:, 0])
     lower, upper = lower[used], upper[used]
+    # What spans half the scene is ground or walls, on which no single texel looks too long.
     size = (upper - lower).max(axis=1)
     small = size < 0.5 * (upper.max(axis=0) - lower.min(axis=0)).max()
     keep = small if small.any() else np.ones_like(small)

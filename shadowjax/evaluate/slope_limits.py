@@ -78,6 +78,7 @@ def slope_limit(
     if not isinstance(bias, Bias) or bias.unit != "slope" or float(bias.value) <= 0:
         return None
     ratio, cosine = (np.asarray(x, float) for x in _ratio_and_cosine(shadows, points, normals))
+    # Lit, counted, steeper than the limit, and not almost along the light.
     reached = np.asarray(lit & counted) & (ratio > bias.limit) & (cosine > LEAST_LIGHT)
     if not reached.any():
         return None

@@ -119,6 +119,7 @@ class Camera(Checked):
     def frustum_corners(self) -> Float[Array, "8 3"]:
         """World positions of the corners: the near four, then the far four, each (−,−), (+,−), (+,+), (−,+)."""
         signs = jnp.asarray([[-1, -1], [1, -1], [1, 1], [-1, 1]], self.near.dtype)
+        # Corners of the image plane at distance 1, scaled to both planes.
         plane = jnp.concatenate([signs * self.half_size, jnp.ones((4, 1), signs.dtype)], axis=1)
         corners = jnp.concatenate([self.near * plane, self.far * plane])
         return self.position + corners @ self.rotation

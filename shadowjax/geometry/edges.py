@@ -86,6 +86,7 @@ def opposite_sides(faces: Int[np.ndarray, "faces 3"]) -> tuple[np.ndarray, np.nd
     def rank(columns: np.ndarray) -> np.ndarray:
         """Place of each row among equal rows."""
         _, group, count = np.unique(columns, axis=0, return_inverse=True, return_counts=True)
+        # Stable order within equal rows, then the place counted from each group's start.
         group = group.reshape(-1)
         order = np.argsort(group, kind="stable")
         starts = np.cumsum(count) - count

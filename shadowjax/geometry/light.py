@@ -323,6 +323,7 @@ class SpotLight(Light):
 
     def covers(self, points: Points) -> Float[Array, "*points"]:
         """1 inside the cone, falling smoothly to 0 over the outer tenth of the cosine's range."""
+        # Smoothstep of the cosine: no kink at either end of the rim.
         cosine = dot(normalize(points - self.position), jnp.broadcast_to(self.direction, points.shape))
         rim = jnp.cos(self.half_angle)
         ramp = jnp.clip((cosine - rim) / (0.1 * (1 - rim)), 0.0, 1.0)

@@ -90,6 +90,7 @@ def free_side(mesh: Mesh, edges: MeshEdges, towards: Float[Array, "edges 3"]) ->
     Of edges with more than two faces two are asked.
     """
     one, two = _sides(mesh, edges, towards)
+    # Signs of the sides on which the faces lie: the free side is opposite their sum.
     both = one + jnp.where(edges.faces[:, 1] == OPEN, one, two)
     return jnp.where(both > 0, -jnp.ones_like(both), jnp.ones_like(both))
 

@@ -38,6 +38,7 @@ def smooth_corner_groups(mesh: Mesh, crease_angle: float = 0.6) -> Int[Array, "f
     partner = np.where(alike, np.stack([starts[:, 1], ends[:, 1]], -1), np.stack([ends[:, 1], starts[:, 1]], -1))
     rows, cols = np.concatenate([starts[:, 0], ends[:, 0]]), partner.T.reshape(-1)
     graph = sparse.coo_array((np.ones(len(rows), np.int8), (rows, cols)), shape=(faces.size, faces.size))
+    # Corners linked across smooth sides, transitively, shade as one.
     _, group = connected_components(graph, directed=False)
     return jnp.asarray(group.reshape(-1, 3), jnp.int32)
 

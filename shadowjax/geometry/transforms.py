@@ -68,6 +68,7 @@ def perpendicular_part(direction: Vector3, axis: Vector3) -> tuple[Vector3, Scal
     result is perpendicular to rounding at any angle. Where the directions are parallel to rounding, the part is any
     perpendicular of the axis and the sine 0.
     """
+    # The end of the axis on the direction's side: their difference is then at most √2 long and exact when short.
     towards = jnp.where(dot(direction, axis) < 0, -axis, axis)
     part = direction - towards
     part = part - dot(part, axis) * axis
@@ -84,6 +85,7 @@ def angle_between_lines(direction: Vector3, axis: Vector3) -> Scalar:
     Source: W. Kahan, "How futile are mindless assessments of roundoff", section on angles between vectors.
     """
     towards = jnp.where(dot(direction, axis) < 0, -axis, axis)
+    # tan(α/2) = |a − b|/|a + b|: neither an arc cosine near 1 nor an arc sine near π/2.
     angle = 2 * jnp.arctan2(norm(direction - towards), norm(direction + towards))
     return jnp.where(angle > jnp.pi / 2, jnp.pi / 2, angle)
 

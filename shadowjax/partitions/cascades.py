@@ -180,6 +180,7 @@ class Cascades(Partition):
             return practical_splits(near, far, k, jnp.asarray(self.weight, near.dtype))
         if self.rule == "logarithmic" or not light.is_directional or k == 1:
             return logarithmic_splits(near, far, k)
+        # Eq. 55 needs Πα ≤ f/n; equal ratios (f/n)^(1/k) are the largest that always fit.
         ratio = jnp.minimum(jnp.asarray(self.ratio, near.dtype), (far / near) ** (1 / k))
         weight = camera.gamma(light.as_directional("adaptive splits need").direction) / (math.pi / 2)
         return iterate_adaptive(near, far, weight, jnp.broadcast_to(ratio, (k - 1,)), 0.25)
@@ -202,6 +203,7 @@ class Cascades(Partition):
             return SingleMap(self.warp).grids(mesh, light, camera, resolution)
         space = seen_space(light, mesh, camera)
         planes = self.planes(mesh, light, camera)
+        # A slice's map begins where it fades in, before its own cut.
         starts = jnp.concatenate([planes[:1], self._bands(planes)])
         maps = []
         # at most half of a map is margin
@@ -240,6 +242,7 @@ class Cascades(Partition):
             depth = camera.to_view(points)[..., 2]
             return jnp.sum(depth[..., None] >= middle, axis=-1, dtype=jnp.int32)
         # the first map that holds a point with what a filter reads around it, else the first that holds it at all
+        # (s, t) of every point in every map; the second pass, with the inset, overwrites what the first found.
         squares = [grid.plane_map.forward(grid.space.project(points)[0]) for grid in grids]
         region = jnp.full(points.shape[:-1], len(grids) - 1, jnp.int32)
         for inset in (0.0, self.margin / grids[0].num_rows):

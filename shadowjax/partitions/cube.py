@@ -67,6 +67,7 @@ class CubeMap(Partition):
             f"at least {2 * self.margin + 1}",
         )
         position = light.homogeneous[:3]
+        # A face spans [−1, 1]² in tangents; the margin widens it by whole texels of the same size.
         corner = jnp.full(2, resolution / inner, mesh.vertices.dtype)
         return tuple(
             starting_outside(space, UniformWarp(Box(-corner, corner)), mesh, resolution)
@@ -101,6 +102,7 @@ def face_frames(dtype: DType) -> tuple[Float[Array, "3 3"], ...]:
     frames = []
     for axis in range(3):
         right, up, forward = axes[(axis + 1) % 3], axes[(axis + 2) % 3], axes[axis]
+        # Opposite faces swap right and up, which keeps both frames right-handed.
         frames += [np.stack([right, up, forward]), np.stack([up, right, -forward])]
     return tuple(jnp.asarray(frame, dtype) for frame in frames)
 
@@ -112,6 +114,7 @@ def face_of(directions: Float[Array, "*points 3"]) -> Int[Array, "*points"]:
     Args:
         directions: From the middle of the cube, of any length.
     """
+    # `argmax` takes the first of equal components, so edges belong to the earlier axis.
     axis = jnp.argmax(jnp.abs(directions), axis=-1)
     along = jnp.take_along_axis(directions, axis[..., None], axis=-1)[..., 0]
     return 2 * axis.astype(jnp.int32) + (along < 0).astype(jnp.int32)

@@ -140,6 +140,7 @@ def face_warp(
         applies: Whether the side is used; a warp around the whole frustum stands in for one that is not.
     """
     apex, ends = _outline(space, camera)
+    # Edges of the far plane as seen from O: lengths on the light's plane grow with depth from there.
     first, last = far * ends[face], far * ends[(face + 1) % 4]
     middle = (first + last) / 2
     edge = last - first
@@ -176,6 +177,7 @@ def skewed_warp(
     # The centre n' behind the lowest line, on the line from O; a far centre needs no skew that would lose digits.
     behind = jnp.minimum(1 / strength, FARTHEST_CENTRE * extent)
     centre = dot(apex, turned) + slope * (lowest - behind - dot(apex, axis))
+    # Projected onto the lowest line through the skewed centre: the extremes are the map's sides.
     across = (points @ turned - centre) / (1 + (along - lowest) * strength)
     sides = jnp.stack([jnp.min(across), jnp.max(across)])
     return PerspectiveWarp(lowest * axis + centre * turned, axis, extent, strength, sides)
@@ -232,6 +234,7 @@ def _lowest(near_corners: Float[Array, "4 2"], first: Vector2, last: Vector2, ax
         b = safe_divide(_cross(edges, near_corners), whole, -1.0)
         crosses = (a >= -rounding) & (a <= 1 + rounding) & (b >= 0)
         candidates.append(jnp.where(crosses, b * dot(side, axis), jnp.inf))
+    # O inside the near plane's image: all edges turn one way round it, and the lowest point is O itself.
     turns = _cross(near_corners, following)
     around = jnp.all(turns >= 0) | jnp.all(turns <= 0)
     lowest = jnp.min(jnp.concatenate(candidates))

@@ -97,6 +97,7 @@ def seen_splits(
     equal = jnp.arange(k + 1, dtype=span.dtype) / k
     if rule == "seen" or k == 1:
         return _planes(equal, low, high, span)
+    # Histogram over equal steps of ln z, and its running sum from 0 to 1.
     place = jnp.log(depth / low) / span
     index = jnp.clip((place * NUM_BINS).astype(jnp.int32), 0, NUM_BINS - 1).reshape(-1)
     count = jnp.zeros(NUM_BINS, span.dtype).at[index].add(seen.reshape(-1).astype(span.dtype))
@@ -114,6 +115,7 @@ def _spread(cuts: Float[Array, "planes"], least: float) -> Float[Array, "planes"
     """Cuts of [0, 1] mixed with equal ones just enough that every share is at least `least`."""
     k = cuts.shape[0] - 1
     smallest = jnp.min(jnp.diff(cuts))
+    # (1 − m)·smallest + m/k = least, solved for m: the least mixing that keeps every share.
     mix = jnp.clip((least - smallest) / jnp.maximum(1 / k - smallest, 1e-9), 0, 1)
     return cuts + mix * (jnp.arange(k + 1, dtype=cuts.dtype) / k - cuts)
 

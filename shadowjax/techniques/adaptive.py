@@ -260,6 +260,7 @@ class AdaptiveShadows(Shadows):
         technique = self.technique
         rule, share, finest = technique.footprint, technique.texels_per_pixel, technique.finest_level
         receivers = view.points, view.normals
+        # Found under `jit` for all pixels; what follows is host-side and looks only at pixels that count.
         asked = _asked(self.map, *receivers, view.grid, rule, share, finest)
         asked = [np.asarray(part) for part in asked]
         place, slot, level, needed, edge = (part[np.asarray(view.counts)] for part in asked)
@@ -326,6 +327,7 @@ def _seen(
     points = surface_points(mesh, rays, hit).reshape(-1, 3)
     normals = mesh.face_normals()[jnp.maximum(hit.face, 0)]
     normals = jnp.where((dot(normals, rays.directions) > 0)[..., None], -normals, normals).reshape(-1, 3)
+    # Level 0 is one tile: positions in its cells over its size are (s, t).
     square = grid.locate(points)[0] / grid.num_rows
     inside = jnp.all((square >= 0) & (square <= 1), axis=-1)
     facing = faces_light(normals, grid.space.to_source(points))
@@ -366,6 +368,7 @@ def _asked(
     square, depth = placed_on(map_, points, normals)
     slot, level = map_.table.find(square)
     span = FOOTPRINTS[rule](view, map_.grid, points, normals)
+    # Each level doubles the texels across a pixel; the span is kept from 0, where every level would be too coarse.
     wanted = jnp.ceil(jnp.log2(texels_per_pixel / jnp.maximum(span, texels_per_pixel / 2.0**finest)))
     needed = jnp.clip(wanted, 0, finest).astype(jnp.int32)
     gradient = plane_gradient(map_.grid, points, normals, STEEPEST)

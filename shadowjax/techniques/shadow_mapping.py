@@ -40,9 +40,9 @@ class ShadowMapping(Technique):
             for this filter, and none for layers behind the first.
         layer: Which depth each ray keeps: "first"; "second", the next surface; "back", the first surface met from
             behind, which is the second of closed bodies; "midpoint" of the first and the second.
-        coverage: Whether texels that the outline of the nearest layer crosses hold codes averaged over their area
+        coverage: Whether texels that the outline of the nearest layer crosses hold values averaged over their area
             (`coverage_planes`), so that visibility has a gradient where outlines move. Needs a filter that averages
-            codes of single depths, and rays that keep lines straight: a `CubeMap` round a point light. Hidden outlines
+            values of single depths, and rays that keep lines straight: a `CubeMap` round a point light. Hidden outlines
             are in no map, so light bleeds through two layers as it does without.
         edges: From `mesh_edges`, for building under `jit` with coverage; found at each build if None.
     """
@@ -69,6 +69,7 @@ class ShadowMapping(Technique):
         Warns:
             SceneWarning: If the maps lie so far from the origin of coordinates that rounding takes up half a texel.
         """
+        # Filters that keep several samples a texel cast a finer map; their reach counts its cells.
         factor = self.filter.cast_factor
         partition = self.partition.with_margin(self.filter.reach * factor)
         partition, grids = _placed(partition, mesh, light, camera, self.resolution * factor)
@@ -174,6 +175,7 @@ class MappedShadows(Shadows):
     def visibility(self, points: Points, normals: Points) -> Float[Array, "*points"]:
         """Read the map of each point's region, or the maps that share it."""
         shares = self.partition.shares(self.grids, self.camera, points)
+        # Shares may sum to less than 1 where shadows end; rounding must not make the rest negative.
         result = jnp.maximum(1 - sum(shares), 0)  # lit where no map answers
         for index, share in enumerate(shares):
             result = result + share * self.read(index, points, normals)

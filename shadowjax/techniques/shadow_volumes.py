@@ -123,6 +123,7 @@ class VolumeShadows(Shadows):
         """
         to_light, _ = self.light.to_light(points)
         offset = points - self.camera.position
+        # Off the surface by the roundings of the point and of its offset from the eye, towards normal and light.
         gap = receiver_gap(points, normals) + receiver_gap(offset, normals)
         seen = jax.lax.stop_gradient(offset + gap[..., None] * (normals + to_light))
 
@@ -136,6 +137,7 @@ class VolumeShadows(Shadows):
         if self.stencil.wraps:
             total = count(self.regions)
             return self.stencil.value(self.start, total, jnp.zeros_like(total))
+        # Saturating counters need increments and decrements apart: positive and negative weights, each as a count.
         up, down = (
             count(eqx.tree_at(lambda r: r.weights, self.regions, jnp.maximum(sign * self.regions.weights, 0)))
             for sign in (1, -1)

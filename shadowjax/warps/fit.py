@@ -61,6 +61,7 @@ def light_frustum(camera: Camera, light_direction: Vector3, near: Scalar, far: S
     # Light space's x and the part of its z' in the image plane are perpendicular there: the second has the components
     # (|up·x|, |right·x|), the first's in reverse order.
     across = jnp.abs(camera.rotation[:2] @ frame[0])  # x of light space in the image plane: (|right·x|, |up·x|)
+    # Support of the image rectangle along both directions: |right·d|·half_x + |up·d|·half_y.
     half = camera.half_size
     tan_x = dot(across, half)
     tan_y = dot(across[::-1], half)
@@ -73,6 +74,7 @@ def visible_range(camera: Camera, mesh: Mesh) -> tuple[Scalar, Scalar]:
     depth = camera.to_view(mesh.vertices)[:, 2]
     near = jnp.clip(jnp.min(depth), camera.near, camera.far)
     far = jnp.clip(jnp.max(depth), camera.near, camera.far)
+    # No vertex in view leaves an empty range: the camera's own planes stand in.
     some = far > near * (1 + 1e-3)
     return jnp.where(some, near, camera.near), jnp.where(some, far, camera.far)
 
@@ -192,6 +194,7 @@ class LogarithmicFit(WarpFit):
 @checked
 def view_axis(space: DirectionalSpace, camera: Camera) -> Float[Array, "2"]:
     """Direction on the light's plane in which the view recedes; z of the light space where light and view align."""
+    # The view direction less its part along the light, in the light plane's coordinates x and z.
     along, sine = perpendicular_part(camera.forward, space.frame[1])
     seen = jnp.stack([dot(space.frame[0], along), dot(space.frame[2], along)])
     return jnp.where(sine > 0, normalize(seen), jnp.asarray([0.0, 1.0], seen.dtype))
@@ -225,6 +228,7 @@ def spot_strength(
     # A view axis through the light is one place on the plane, to the rounding of where the camera is.
     recedes = norm(direction) > PARALLEL_ROUNDINGS * jnp.finfo(direction.dtype).eps * norm(place)
     axis = jnp.where(recedes, normalize(direction), jnp.asarray([0.0, 1.0], direction.dtype))
+    # u of every sample: its place along the axis from the lowest corner of what the map covers.
     lowest = jnp.min(points @ axis)
     extent = jnp.max(points @ axis) - lowest
     # corners count too: where the axis leaves the cone, they alone say how far the receivers reach

@@ -68,6 +68,7 @@ class LogarithmicWarp(Warp):
 
     def widths(self, square: PlanePoints) -> Float[Array, "*points 2"]:
         """Plane distance per unit of s across, and of t along the axis; both grow in proportion to u + c."""
+        # dz'/dt = (u + c)·ln(1 + W/c), written with 1/c: W·ln(1 + x)/x·(1 + u/c).
         stretch = 1 + self._along(square[..., 1]) * self.strength
         across = (self.sides[1] - self.sides[0]) * stretch
         return jnp.stack([across, self.extent * _log_ratio(self.extent * self.strength) * stretch], axis=-1)

@@ -101,6 +101,7 @@ def trapezium(
         strength, (strength >= 0) & jnp.isfinite(strength), "n' must be positive: its strength 1/n' finite and ≥ 0"
     )
     along, across = components(points, direction)
+    # The centre of projection lies below the middle of the points' width, whatever their shape.
     lowest, middle = jnp.min(along), (jnp.min(across) + jnp.max(across)) / 2
     along, across = along - lowest, across - middle
     extent = jnp.max(along)

@@ -50,6 +50,7 @@ def receiver_corners(
         offsets += [zero, zero]
     normals += [forward, -forward]
     offsets += [camera.near, -camera.far]
+    # The box's six half-spaces relative to the camera.
     lower, upper = (corner - camera.position for corner in mesh.bounds())
     for axis in range(3):
         unit = jnp.zeros_like(forward).at[axis].set(1.0)
@@ -57,6 +58,7 @@ def receiver_corners(
         offsets += [lower[axis], -upper[axis]]
     if (tangent := light.cone) is not None:
         right, up, ahead = space.rows
+        # The pyramid around the cone: |p·axis| ≤ tan·p·ahead about the light, whose place gives the offset.
         for axis in (right, -right, up, -up):
             normals.append(normalize(tangent * ahead + axis))
             offsets.append(dot(normals[-1], space.source - camera.position))
@@ -78,6 +80,7 @@ def _corners(
     whole = jnp.where(meets, determinant, jnp.ones_like(determinant))[:, None]
     # Cramer's rule for a·p = d, b·p = e, c·p = f.
     points = (d * cross + e * jnp.cross(c, a) + f * jnp.cross(a, b)) / whole
+    # (corners × planes) signed distances: a corner of the body lies inside all half-spaces.
     inside = jnp.min(points @ normals.T - offsets, axis=1) >= -slack
     return points, meets & inside
 

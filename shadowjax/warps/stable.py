@@ -58,6 +58,7 @@ class StableFit(WarpFit):
         axis = jnp.stack([dot(space.frame[0], fixed), dot(space.frame[2], fixed)])
         world_origin, _ = space.project(jnp.zeros_like(centre))
         middle, _ = space.project(centre)
+        # Lower corner of the square around the sphere, in coordinates fixed to the world.
         lowest = jnp.stack(components(middle - world_origin, axis)) - size / 2
         if self.snap:
             cell = size / self.steps

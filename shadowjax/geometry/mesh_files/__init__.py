@@ -1,4 +1,4 @@
-"""Meshes from files of strangers: bounded before they are read, and held against what they declare afterwards.
+"""Reads untrusted mesh files: sizes are bounded before reading, and contents compared with what they declare.
 
 trimesh parses; this package reads what it is given. Before trimesh sees a byte, sizes, counts, names of other files and
 required extensions are checked, and what trimesh reads otherwise than the format says is written in a form that it
@@ -159,6 +159,7 @@ def _heard() -> Iterator[list[str]]:
     said: list[str] = []
     logger = logging.getLogger("trimesh")
     handler = logging.Handler(logging.WARNING)
+    # Collected instead of printed, and said in the one line of the warning or error.
     handler.emit = lambda record: said.append(record.getMessage())
     propagates = logger.propagate
     logger.addHandler(handler)

@@ -81,6 +81,7 @@ class EarClipper:
         for i in range(count):
             (ax, ay), (bx, by), (cx, cy) = around[i - 1], around[i], around[i + 1 - count]
             turns.append((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+        # Only reflex corners can lie in an ear, so only they are tested.
         hollow = [point for point, turn in zip(around, turns, strict=True) if turn <= 0]
         self._spend(count)
         for step in range(count):
@@ -123,6 +124,7 @@ def _projected(points: np.ndarray) -> np.ndarray:
     normals = np.sum(np.cross(centred[:, 1:-1], centred[:, 2:]), axis=1)
     axis = np.argmax(np.abs(normals), axis=1)
     rows = np.arange(len(points))
+    # The two other coordinates in cyclic order keep the sense; a negative component swaps them.
     kept = np.array([[1, 2], [2, 0], [0, 1]])[axis]
     kept = np.where(normals[rows, axis][:, None] < 0, kept[:, ::-1], kept)
     return np.take_along_axis(centred, kept[:, None, :], axis=2)
@@ -134,5 +136,6 @@ def _convex(flat: np.ndarray) -> np.ndarray:
     following = np.roll(edges, -1, axis=1)
     cross = edges[..., 0] * following[..., 1] - edges[..., 1] * following[..., 0]
     along = np.sum(edges * following, axis=-1)
+    # Exterior angles sum to 2π for one turn, to 4π or more where the ring winds round twice.
     turned = np.sum(np.arctan2(cross, along), axis=1)
     return np.all(cross >= 0, axis=1) & (turned < 3 * np.pi)

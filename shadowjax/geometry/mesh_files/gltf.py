@@ -218,6 +218,7 @@ class _Plain:
             cut = np.stack([np.broadcast_to(corners[:1], corners[2:].shape), corners[1:-1], corners[2:]], axis=-1)
         else:
             cut = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=-1)
+            # Every second triangle of a strip turns the other way.
             cut[1::2] = cut[1::2, [1, 0, 2]]
         good = (cut[:, 0] != cut[:, 1]) & (cut[:, 1] != cut[:, 2]) & (cut[:, 2] != cut[:, 0])
         return cut[good].reshape(-1, 1)

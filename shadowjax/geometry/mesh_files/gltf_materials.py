@@ -72,5 +72,6 @@ class Materials:
 def _transform(moved: dict[str, Any]) -> np.ndarray:
     """(2, 3) matrix of KHR_texture_transform on coordinates u right, v down: scaled, turned, then moved."""
     (x, y), (u, v), angle = moved.get("offset", (0, 0)), moved.get("scale", (1, 1)), moved.get("rotation", 0)
+    # Translation · rotation · scale, as the extension orders them, in one matrix.
     cosine, sine = math.cos(angle), math.sin(angle)
     return np.array([[cosine * u, sine * v, x], [-sine * u, cosine * v, y]], np.float64)

@@ -141,6 +141,7 @@ class Tree:
         if not count:
             return np.zeros((0, width), dtype)
         raw = np.frombuffer(data, np.uint8, offset=offset)
+        # A view of `count` rows `stride` bytes apart, without copying what lies between.
         rows = np.lib.stride_tricks.as_strided(raw, (count, row), (stride, 1), writeable=False)
         return np.ascontiguousarray(rows).view(dtype.newbyteorder("<")).astype(dtype).reshape(count, width)
 

@@ -60,6 +60,7 @@ def join(reading: Reading, default_albedo: float) -> tuple[np.ndarray, np.ndarra
         places, corners = _checked(part)
         albedo = part.paint.albedo(corners, reading.notes)
         albedo = np.full((len(corners), 3), default_albedo) if albedo is None else albedo
+        # Only vertices that faces use are placed, renumbered in rising order.
         used, corners = np.unique(corners, return_inverse=True)
         places, corners = places[used], corners.reshape(-1, 3)
         for matrix in part.placements:

@@ -54,6 +54,7 @@ class PageTable(Checked):
         slots = np.flatnonzero(keys[:, 0] >= 0)
         first, last = span_of(keys[slots])
         bounds = np.unique(np.concatenate([first, last]))
+        # One page for every stretch between neighbouring bounds, overwritten by finer tiles.
         page = np.full(len(bounds), -1, np.int64)
         begin, end = np.searchsorted(bounds, first), np.searchsorted(bounds, last)
         for level in np.unique(keys[slots, 0]):  # finer tiles over coarser ones; those of one level never meet

@@ -205,6 +205,7 @@ def straddles(
     """
     own = map_.read(square)
     step = 1 / (map_.cells(own.level) * map_.tile_size)[..., None]
+    # Towards the nearer neighbour along each axis: these three and the own texel surround the receiver.
     side = jnp.where(square < own.centre, -step, step)
 
     def blocks(texel: Texels) -> Bool[Array, "*points"]:

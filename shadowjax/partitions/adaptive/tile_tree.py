@@ -81,6 +81,7 @@ def tile_grid(grid: RayGrid, key: Int[Array, "3"]) -> RayGrid:
             uniform maps do.
         key: Level, x and y.
     """
+    # A tile of level l is 2⁻ˡ of the square; its corners through the plane map are its box.
     size = 1 / (jnp.ones((), jnp.int32) << key[0]).astype(grid.far.dtype)
     lower = key[1:].astype(grid.far.dtype) * size
     box = Box(grid.plane_map.inverse(lower), grid.plane_map.inverse(lower + size))
