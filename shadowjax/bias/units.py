@@ -57,6 +57,7 @@ class DepthBuffer(Checked):
 
     def rate(self, distance: Float[Array, "*points"]) -> Float[Array, "*points"]:
         """Change of the depth-buffer value per world unit, at a distance: the derivative of `encode`."""
+        # Rate of the linear encoding, and what the reciprocal one multiplies it by.
         even = self.span / (self.far - self.near)
         if self.encoding == "linear":
             return jnp.broadcast_to(even, jnp.shape(distance))

@@ -243,6 +243,7 @@ def record(
         build_ms: Measured elsewhere.
         visibility_ms: Measured elsewhere.
     """
+    # Leaks and acne are counted away from edges of the reference, where no filter's blur reaches.
     far = _away_from_edges(np.asarray(view.per_pixel(view.exact)), np.asarray(view.pixel_mask))
     # Light that arrives at pixels: by the technique, by the reference, and without any shadow.
     arriving = [downsample(view.cosine * value, view.samples_per_axis) for value in (visibility, view.exact, 1.0)]

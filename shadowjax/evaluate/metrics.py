@@ -103,6 +103,7 @@ def _similarity(
         _blur(jnp.concatenate([a, b, a * a, b * b, a * b], axis=-1)), 5, axis=-1
     )
     c1, c2 = (SSIM_K1 * peak) ** 2, (SSIM_K2 * peak) ** 2
+    # Wang et al., eq. 13: contrast and structure with C₃ = C₂/2, then luminance.
     structure = (2 * (product - mean_a * mean_b) + c2) / (square_a - mean_a**2 + square_b - mean_b**2 + c2)
     mean_a, mean_b = mean_a + middle, mean_b + middle
     return structure * (2 * mean_a * mean_b + c1) / (mean_a**2 + mean_b**2 + c1)
@@ -191,6 +192,7 @@ def edge_distance(
         return np.asarray(ndimage.distance_transform_edt(~edges)) / 2
 
     from_a, from_b = away(edges_a), away(edges_b)
+    # Distance of every edge point of one image to the nearest edge of the other, both ways.
     there, back = from_b[edges_a], from_a[edges_b]
     parts = [part for part in (there, back) if part.size]
     missed = from_b[::2, ::2][wrong]

@@ -222,6 +222,7 @@ class Exponential(Filter):
         value = jnp.minimum(mean, 1.0)
         if planes.depth is not None:
             if planes.farthest is None:
+                # A mean above 1 shows a violation, unless darker texels of the kernel hide it: z-max finds those too.
                 fails = mean > 1 + self.threshold
             else:
                 fails = read_nearest(planes.farthest, lookup.position, _inner(lookup.border))[0] > depth

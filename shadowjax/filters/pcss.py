@@ -153,6 +153,7 @@ class ContactHardening(Filter):
     def _width(self, lookup: Lookup, blocker_depth: Numbers) -> Numbers:
         """Width of the penumbra in texels, at least one and at most `max_width`."""
         light_size = self.angle if lookup.parallel else self.size
+        # World width over the texel's world size: the kernel's width in texels.
         width = penumbra_width(lookup.depth, blocker_depth, light_size, lookup.parallel) / lookup.texel_size
         return jnp.clip(width, 1.0, self.max_width)
 

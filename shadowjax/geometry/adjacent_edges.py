@@ -83,6 +83,7 @@ def find_adjacent_edges(polygons: Iterable[Sequence[int] | np.ndarray]) -> Adjac
         for i, j in zip(corners, [*corners[1:], corners[0]], strict=True):
             if i == j:
                 continue
+            # A side that another polygon walks the other way hides that polygon's entry, and makes none of its own.
             opposite = visible.get((j, i))
             if opposite:
                 partners[opposite.pop(0)] = number

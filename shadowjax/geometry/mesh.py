@@ -135,6 +135,7 @@ class Mesh(Checked):
         summed = jnp.zeros_like(self.vertices)
         weighted = self.area_vectors()
         for corner in range(3):
+            # Area vectors add with their areas as weights, without a division.
             summed = summed.at[self.faces[:, corner]].add(weighted)
         return normalize(summed)
 

@@ -82,6 +82,7 @@ def _rule_share_simulated(inputs: Inputs) -> Fraction:
 
 def _cost_of_wishes(inputs: Inputs) -> float:
     """Benefit over ratio of a cell whose four tiles are each asked for by one pixel, from the package's wishes."""
+    # Places on the curve of the four quarters of the square: the two leading bits.
     quadrant = np.arange(4) << (2 * (MAX_LEVEL - 1))
     cell, level = np.zeros(4, int), np.zeros(4, int)
     texels = inputs.integer("N_required") // 4
@@ -98,6 +99,7 @@ def _all_lit(inputs: Inputs) -> float:
 def _share_found_lit(inputs: Inputs) -> float:
     """Points whose stored depth is their own by another route of rounding, through the package's test."""
     depth = np.random.default_rng(2).uniform(1, 8, 1000).astype(np.float32)
+    # Dividing and multiplying again rounds twice: the same depth by another route.
     stored = (depth / np.float32(3)) * np.float32(3)
     bias = jnp.asarray(inputs.number("tolerance"), dtype=jnp.float32)
     return float(np.mean(np.asarray(is_lit(jnp.asarray(stored), jnp.asarray(depth), bias))))

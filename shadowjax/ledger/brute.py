@@ -139,6 +139,7 @@ def published(view: View, rule: str):
     if rule == "Wimmer":
         return equalising(view.lights(np.full(np.shape(view.gamma), np.pi / 2))) / np.sin(view.gamma)
     limit = touching(view)
+    # π/2·γ/γ_lim, and the printed fades of it.
     share = np.minimum(view.gamma / limit, 1) * np.pi / 2
     fade = np.sin(share) if rule.endswith("43") else (1 + np.sin(share - np.pi / 2)) ** 2
     return np.where(view.gamma >= limit, equalising(view), equalising(view.lights(limit)) / fade)

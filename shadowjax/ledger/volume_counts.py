@@ -32,8 +32,10 @@ def _half_spaces(
     centroid = triangles.mean(axis=2)
     sides = []
     for p, q in ((a, b), (b, c), (c, a)):
+        # A side's plane holds the light and an edge; its normal is turned to the triangle's own middle.
         normal = np.cross(p - light, q - light)
         sides.append(normal * np.sign(np.sum((centroid - light) * normal, -1, keepdims=True)))
+    # The triangle's plane, turned away from the light: behind it lies the shadow.
     cap = np.cross(b - a, c - a)
     sides.append(cap * np.sign(np.sum((a - light) * cap, -1, keepdims=True)))
     points = [np.broadcast_to(light, a.shape)] * 3 + [a]
@@ -112,6 +114,7 @@ def chance_of_zero(found: Crossings, rule: Rule) -> list[Fraction]:
         return [Fraction(int(value == 0)) for value in (caps + up - down) % size]
     if rule.order == "mixed":
         up, down = up + np.maximum(caps, 0), down + np.maximum(-caps, 0)
+        # The ballot theorem's share of orders in which the last partial sum is the least.
         pairs = zip(up.tolist(), down.tolist(), strict=True)
         return [Fraction(b - a + 1, b + 1) if b >= a else Fraction(0) for a, b in pairs]
     if rule.order == "cap first":
@@ -141,6 +144,7 @@ def stencil(found: Crossings, rule: Rule, seed: int = 0) -> Int[np.ndarray, "tri
     passes[:, : found.eye_inside.shape[1]] = {"cap first": 0, "cap last": 3, "mixed": 0}[rule.order]
     if rule.order == "mixed":
         passes[:] = 0
+    # Pass number plus a random fraction: passes in order, fragments of one pass shuffled.
     order = np.argsort(passes + np.random.default_rng(seed).random(drawn.shape), axis=1)
     value = np.zeros(drawn.shape[0], int)
     for step in np.take_along_axis(drawn, order, axis=1).T:

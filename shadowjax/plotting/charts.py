@@ -202,6 +202,7 @@ def tone_histogram(
             counts, edges = np.histogram(between, bins=32, range=(0, 1))
             spot.bar(edges[:-1] + 0.5 / 32, counts, width=1 / 36, color=PALETTE[0])
         else:
+            # Tones are multiples of 1/(bound − 1): their whole numbers, without fully dark and fully lit.
             steps = np.round(between * (bound - 1)).astype(int)
             counts = np.bincount(steps, minlength=bound)[1 : bound - 1]
             spot.bar(np.arange(1, bound - 1) / (bound - 1), counts, width=min(0.6 / bound, 0.05), color=PALETTE[0])

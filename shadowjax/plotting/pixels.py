@@ -37,6 +37,7 @@ def difference_pixels(
     if backdrop is not None:
         grey = np.asarray(backdrop, float).mean(axis=-1)
         paper = np.broadcast_to((0.80 + 0.18 * grey)[..., None], paper.shape)
+    # −1 … 1 onto the colour map's 0 … 1; faint errors fade into the paper.
     colored = np.asarray(DIFFERENCE(0.5 + 0.5 * np.clip(signed, -1, 1)))[..., :3]
     strength = np.clip(3.0 * np.abs(signed), 0, 1)[..., None]
     return strength * colored + (1 - strength) * paper

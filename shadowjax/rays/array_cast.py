@@ -132,6 +132,7 @@ def _grid_of(rays: Rays) -> tuple[RayGrid, Bool[Array, ""]]:
     )
     x = across - dot(across, direction) * direction
     x = safe_divide(x, norm(x))
+    # x, −direction and z complete a right-handed frame; a grid that runs the other way has a negative side.
     z = jnp.cross(x, -direction)
     size = jnp.stack([dot(across, x), dot(down, z)])
     cell = size / jnp.asarray([num_cols - 1, num_rows - 1], size.dtype)

@@ -72,6 +72,7 @@ def depth_bands(
     size = 40 * grid.far.dtype.itemsize * rows * grid.num_cols
     require_memory(size, f"a band of {rows} rows of {grid.num_cols} rays", "fewer rows in a band")
     for start in range(0, grid.num_rows, rows):
+        # The last band starts early, so that one compiled program serves all.
         first = min(start, grid.num_rows - rows)
         band = np.asarray(_depth(caster, mesh, row_band(grid, first, rows)))
         yield start, band[start - first :]

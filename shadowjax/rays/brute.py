@@ -58,6 +58,7 @@ def _search(triangles: Float[Array, "faces 3 3"], between: bool, rays: Rays) -> 
     """Index of the nearest triangle of every ray of one chunk; or of any that lies `between` the ray's ends."""
     # Rays as rows of coordinates, triangles as scalars: each loop step is one fused pass over contiguous rays.
     origin, direction = rays.origins.T, rays.directions.T
+    # The ray's own frame: it runs along z through the origin of (x, y), as the edge rule needs.
     across, upward = (axis.T for axis in orthonormal_frame(rays.directions))
 
     def step(block: Int[Array, ""], best: tuple[Array, Array]) -> tuple[Array, Array]:

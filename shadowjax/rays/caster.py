@@ -121,6 +121,7 @@ def receiver_gap(points: Points, side: Points) -> Float[Array, "*points"]:
         points: World points on surfaces.
         side: Unit vectors along which they are raised: normals.
     """
+    # A rounding of each coordinate, as far as it moves the point along its normal.
     off = jnp.abs(points[..., 0] * side[..., 0])
     for axis in (1, 2):
         off = off + jnp.abs(points[..., axis] * side[..., axis])

@@ -52,6 +52,7 @@ def hit_rounding(mesh: Mesh, grid: RayGrid, hit: Hit) -> Float[Array, "rows cols
         Distance along the ray, world units.
     """
     rays = grid.rays()
+    # Corners in the ray's frame, as in the edge test.
     axes = (*orthonormal_frame(rays.directions), rays.directions)
     corners = mesh.triangles()[jnp.maximum(hit.face, 0)] - grid.space.source
     x, y, z = ((dot(corners[..., 0, :], a), dot(corners[..., 1, :], a), dot(corners[..., 2, :], a)) for a in axes)

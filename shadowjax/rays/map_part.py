@@ -75,6 +75,7 @@ def grid_around(space: LightSpace, plane_map: PlaneMap, lower: Vector3, upper: V
         # away; and by what the rounding of the starts may move them.
         rounding = CUT_ROUNDINGS * jnp.finfo(lower.dtype).eps * jnp.sum(jnp.abs(space.source))
         towards = -space.rows[2]
+        # Half the diagonal, and a hundredth of that, before the box's middle.
         ahead = dot(0.5 * (lower + upper), towards) + 0.505 * norm(upper - lower) + rounding
         start = space.source + ahead * towards
         lower, upper = (corner - (start - space.source) for corner in (lower, upper))
@@ -142,6 +143,7 @@ def _cut(
         return jnp.all(place @ sides.T >= -SLACK * size, axis=-1)
 
     # edges on sides: (faces, edge, side, 3)
+    # Homogeneous distances a·x + b·y + c·w: positive inside, without dividing by w.
     value = place @ sides.T
     begin, end = value, jnp.roll(value, -1, axis=1)
     share = safe_divide(begin, begin - end)[..., None]

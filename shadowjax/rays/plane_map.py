@@ -121,5 +121,6 @@ def region_sides(corners: Float[Array, "4 2"]) -> Float[Array, "4 3"]:
     c = -(a * corners[:, 0] + b * corners[:, 1])
     towards = a * (middle[0] - corners[:, 0]) + b * (middle[1] - corners[:, 1])
     length = jnp.sqrt(a * a + b * b)
+    # Turned inwards, whichever way the corners run.
     scale = jnp.where(towards < 0, -1.0, 1.0).astype(length.dtype) / jnp.where(length > 0, length, 1.0)
     return jnp.stack([a * scale, b * scale, c * scale], axis=-1)

@@ -39,6 +39,7 @@ def contains(polygon: Polygon, positions: Points2) -> Bool[Array, "*points"]:
 
 def _distance_to_segments(positions: Points2, start: Array, along: Array) -> Float[Array, "*points segments"]:
     offset = positions[..., None, :] - start
+    # Foot of the perpendicular on each segment, kept between its ends.
     fraction = jnp.clip(safe_divide(jnp.sum(offset * along, axis=-1), jnp.sum(along * along, axis=-1)), 0.0, 1.0)
     return norm(offset - fraction[..., None] * along)
 

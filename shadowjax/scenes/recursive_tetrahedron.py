@@ -47,6 +47,7 @@ def corners(depth: int) -> np.ndarray:
         outward = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
         outward /= np.linalg.norm(outward, axis=1, keepdims=True)
         edge = RATIO ** (level + 1) * EDGE
+        # The parent's face shrunk about its middle and lifted by the gap is the child's base.
         ring = middle + RATIO * (faces - middle) + GAP * edge * outward[:, None]
         top = ring.mean(axis=1) + np.sqrt(2.0 / 3.0) * edge * outward
         levels.append(np.concatenate([top[:, None], ring], axis=1))

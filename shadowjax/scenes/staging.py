@@ -198,6 +198,7 @@ def relit(
         if kind == "point":
             light = PointLight.create(place, color, dtype)
         else:
+            # The cone that just holds the sphere around the scene, and a little more.
             half_angle = math.asin(min(radius / reach, 0.95)) if reach > 0 else 1.0
             light = SpotLight.create(place, axis, min(1.08 * half_angle, 1.4), color, dtype)
     return eqx.tree_at(lambda s: s.lights, scene, (light,))

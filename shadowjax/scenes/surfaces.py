@@ -115,6 +115,7 @@ def extrude(loops: Sequence[np.ndarray], thickness: float) -> Part:
     heights = np.repeat([0.0, thickness], count)[:, None]
     vertices = np.concatenate([np.tile(points, (2, 1)), heights], axis=1)
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    # One number for each directed edge; the rim's edges have no reverse among them.
     keys = edges[:, 0] * count + edges[:, 1]
     rim = edges[~np.isin(keys, edges[:, 1] * count + edges[:, 0])]  # no neighbour runs along it the other way
     a, b = rim.T

@@ -70,6 +70,7 @@ def crossings(
 
     (u, v), (du, dv) = uv(start), uv(change)
     at_enter, at_leave = u + enter * du, u + leave * du
+    # u runs along rows where axes are swapped, so its number of columns is the grid's rows.
     last_column = jnp.where(swap, *size[::-1]) - 1
     begin = jnp.clip(jnp.floor(jnp.minimum(at_enter, at_leave)), 0, last_column).astype(jnp.int32)
     finish = jnp.clip(jnp.floor(jnp.maximum(at_enter, at_leave)), 0, last_column).astype(jnp.int32)
@@ -98,6 +99,7 @@ def crossings(
     # From the middle of the piece: its ends lie on grid lines, where rounding may decide for either cell.
     row = jnp.floor(v + 0.5 * (first + last) * dv)
     row = jnp.clip(row, 0, jnp.where(swap, *size) - 1).astype(jnp.int32)
+    # Back to row-major cell numbers.
     cell = jnp.where(swap, column * shape[1] + row, row * shape[1] + column)
     exists = (jnp.arange(capacity, dtype=jnp.int32) < count) & (first < last) & (splits | ~second)
     return Crossings(segment, jnp.where(exists, cell, 0), first, last, exists, count)
@@ -106,6 +108,7 @@ def crossings(
 def spread(counts: Int[Array, "items"], capacity: int) -> tuple[Int[Array, "n"], Int[Array, "n"], Int[Array, ""]]:
     """Items repeated as often as they count: index of the item, which of its repetitions, and how many in all."""
     counts = counts.astype(jnp.int32)
+    # Where each item's repetitions end; its rank is the distance from where they begin.
     ends = jnp.cumsum(counts, dtype=jnp.int32)
     item = jnp.repeat(jnp.arange(counts.shape[0], dtype=jnp.int32), counts, total_repeat_length=capacity)
     return item, jnp.arange(capacity, dtype=jnp.int32) - (ends - counts)[item], ends[-1]
@@ -213,6 +216,7 @@ def _cross(a: Array, b: Array) -> Array:
 def _perimeter(direction: Float[Array, "n 2"]) -> Float[Array, "n"]:
     """Length along the border of a cell, counter-clockwise, up to where a ray from its centre leaves; in [0, 4]."""
     x, y = direction[..., 0], direction[..., 1]
+    # Through which pair of sides the ray leaves: left or right where |x| is the larger.
     flat = jnp.abs(x) >= jnp.abs(y)
     along = jnp.where(flat, y, -x)
     depth = jnp.where(flat, x, y)
@@ -250,6 +254,7 @@ def blend(
     through = counts & (jnp.abs(turn) <= near * length) & (jnp.sum(a * b, axis=-1) <= near * near)
     side = jnp.where(turn >= 0, left, right)
     share = jnp.where(counts, area, jnp.zeros_like(area)) * (right - left)
+    # Cells whose centre a piece passes through start from the value of that side; several such pieces are averaged.
     moved = jnp.where(through, side - base[:, cell], jnp.zeros_like(side))
     votes = jnp.zeros(base.shape[1], dtype).at[cell].add(through.astype(dtype))
     settled = jnp.zeros_like(base).at[:, cell].add(moved) / jnp.maximum(votes, 1)

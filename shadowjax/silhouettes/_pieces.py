@@ -64,6 +64,7 @@ def settle(
     pairs, ends = lax.optimization_barrier((pairs, (start[pairs.segment], end[pairs.segment])))
     length = jnp.sqrt(jnp.sum((ends[1] - ends[0]) ** 2, axis=-1))
     away = INSET * BESIDE * float(jnp.finfo(length.dtype).eps) ** 0.5
+    # A little inside both ends, where corners of other lines do not disturb, but never past the middle of the piece.
     inset = jnp.minimum(away / jnp.where(length > 0, length, 1.0), 0.25 * (pairs.last - pairs.first))
 
     def look(part: tuple) -> Any:
@@ -105,6 +106,7 @@ def settle(
     _, (case, found), (other_case, other_found), index, many, low, high = lax.while_loop(go_on, turn, state)
     spare = max(min(CHUNK, capacity), capacity // CHANGING)
     index, valid = index[:spare], jnp.arange(spare, dtype=jnp.int32) < many
+    # Pieces that change are cut in two: the first keeps its place, the rest follows in spare rows.
     change = 0.5 * (low + high)[:spare]
     # Those beyond the room change in their middle.
     last = jnp.where(case == other_case, pairs.last, 0.5 * (pairs.first + pairs.last))
@@ -119,6 +121,7 @@ def settle(
 def _in_parts(pairs: Crossings) -> Crossings:
     """Every piece cut into equal parts, in order."""
     segment, cell, first, last, present = (jnp.repeat(part, PARTS) for part in pairs[:5])
+    # Equal parts of every piece, numbered piece by piece.
     at = jnp.arange(PARTS + 1, dtype=first.dtype) / PARTS
     low = jnp.tile(at[:-1], first.shape[0] // PARTS)
     high = jnp.tile(at[1:], first.shape[0] // PARTS)

@@ -81,6 +81,7 @@ def carried(points: Points, space: LightSpace, onto: Float[Array, "n 3 3"]) -> t
     travel = -space.vector_to_source(points)
     corner = onto[:, 0]
     normal = jnp.cross(onto[:, 1] - corner, onto[:, 2] - corner)
+    # Ray–plane intersection; 0 for a plane along the light, which then counts as not behind.
     along = safe_divide(dot(corner - points, normal), dot(travel, normal))
     return points + along[:, None] * travel, lax.stop_gradient(along) > 0
 
@@ -180,6 +181,7 @@ def _fallen_lines(
     casts = outline(mesh, edges, space.vector_to_source(first))
     lower, upper = _bounds(mesh, shown)
     size: Scalar = jnp.maximum(norm(upper - lower), jnp.max(jnp.abs(jnp.stack([lower, upper]))))
+    # Pieces about as long as a pixel, if the view shows just the scene.
     wanted = norm(second - first) / size * (PIECES * max(view.num_rows, view.num_cols))
     capacity, chunk = room(default_room(view) if max_pairs is None else require_int(max_pairs, "max_pairs", 1), CHUNK)
     counts = jnp.where(casts, jnp.clip(jnp.ceil(wanted), 1, capacity).astype(jnp.int32), 0)
@@ -204,6 +206,7 @@ def _fallen_lines(
 
     inset = float(jnp.finfo(size.dtype).eps) ** 0.5
     probes = [on_edge(mesh, edges, edge, begin + at * (end - begin)) + across for at in (inset, 1 - inset)]
+    # What lies behind both ends of every piece, cast just past the edge; no gradient passes through it.
     face = jnp.stack(map_present(search, lax.optimization_barrier((present, *probes)), total, chunk), axis=-1)
     falls = present[:, None] & (face >= 0)
     # A piece that falls on one face is drawn once.

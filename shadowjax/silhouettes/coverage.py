@@ -167,6 +167,7 @@ def _find_pieces(mesh: Mesh, edges: MeshEdges, grid: RayGrid, caster: Caster, ma
 def _measured(mesh: Mesh, edges: MeshEdges, grid: RayGrid, pieces: Pieces) -> OutlinePieces:
     """Ends of edges, and depths on both sides, differentiable."""
     start, end, _ = edge_ends(grid, mesh, edges)
+    # Column and row of each piece's cell; the ray through its centre meets both surfaces' planes.
     corner = jnp.stack([pieces.cell % grid.num_cols, pieces.cell // grid.num_cols], axis=-1)
     rays = grid.rays_at((corner.astype(start.dtype) + 0.5) / grid.resolution)
     left, right = (_plane_depth(mesh, rays, face) for face in pieces.found)
@@ -188,6 +189,7 @@ def _plane_depth(mesh: Mesh, rays: Rays, face: Int[Array, "n"]) -> Float[Array, 
     normal = jnp.cross(b - a, c - a)
     # The plane is met at step + rise/fall; a fall near 0 is a plane seen edge-on, whose depth is limited instead.
     rise, fall = dot(a, normal), dot(rays.directions, normal)
+    # No depth lies farther from the triangle's own than the triangle is deep.
     low, high = jnp.min(depths, axis=-1), jnp.max(depths, axis=-1)
     reach = high - low
     beyond = jnp.abs(rise) >= 2 * reach * jnp.abs(fall)
@@ -268,6 +270,7 @@ def segments_on(grid: RayGrid, first: Points, second: Points) -> tuple[Array, Ar
     before = jnp.ones(first.shape[:-1], bool)
     if not space.is_parallel:
         forward = space.rows[2]
+        # Distance of both ends along the view; a part with one end behind is cut, not dropped.
         ahead = [dot(points - space.source, jnp.broadcast_to(forward, points.shape)) for points in (first, second)]
         most = jnp.maximum(*ahead)
         before = most > 0

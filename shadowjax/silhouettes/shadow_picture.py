@@ -50,6 +50,7 @@ def plane_receiver(
     Returns:
         The receiver, lit on the side of axis_v × axis_u, and its view.
     """
+    # Parallel rays against the normal axis_v × axis_u, whose plane coordinates are (u, v) themselves.
     frame = jnp.stack([axis_u, jnp.cross(axis_v, axis_u), axis_v])
     size = norm(upper - lower)
     space = DirectionalSpace(origin + size * frame[1], frame)
@@ -150,6 +151,7 @@ def _drawn(
     zeros = jnp.zeros_like(line.begin)
     *seen, _ = segments_on(view, *(on_edge(seen_mesh, seen_edges, edge, zeros + at) for at in (0.0, 1.0)))
     start, end = (jnp.where(falls[:, None], *both) for both in zip(fallen, seen, strict=True))
+    # Visibility next to a border is 0 or 1, and the case says which side is lit.
     left = (pieces.case == 1).astype(line.begin.dtype)[None]
     piece = pieces.cell, pieces.first, pieces.last, counts
     flat = blend(borders.base.reshape(1, -1), left, 1 - left, start, end, piece, view.num_cols)

@@ -37,6 +37,7 @@ def largest_exponent(
     require_int(num_moments, "the highest moment", 1)
     require_int(kernel_size, "kernel_size", 1)
     require(largest_depth > 0, f"the largest depth must be positive; got {largest_depth}")
+    # growth · e^(m·c·z) ≤ max in logarithms; growth is K² only where weights come after the sum.
     room = math.log(float(jnp.finfo(dtype).max)) - (0.0 if normalised else math.log(kernel_size**2))
     return room / (num_moments * largest_depth)
 

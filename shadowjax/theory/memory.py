@@ -90,6 +90,7 @@ def source_megabytes(textures: tuple[Texture, ...], resolution: int) -> float:
     kibibytes = 0
     for texture in textures:
         each = Texture(texture.channels, texture.bits, texture.mips).num_bytes(resolution)
+        # Ceiling division by negation; each texture of a group begins pages of its own.
         kibibytes += texture.count * -(-each // 1024)
     return kibibytes / 1000
 

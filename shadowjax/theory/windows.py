@@ -59,6 +59,7 @@ def lit_numerators(
     keep = np.ones((size, size), bool)
     keep[margin, margin] = include_centre or size == 1
     near = taps[..., keep]
+    # The texel's own depth, then one test for each extreme that the policy keeps.
     total = windows[..., margin : margin + rows, margin : margin + cols].astype(np.int64)
     for extreme in POLICIES[require_choice(policy, "policy", POLICIES)]:
         total = total + (near.any(-1) if extreme == "max" else near.all(-1))
@@ -148,6 +149,7 @@ def half_plane_windows(side: int) -> Bool[np.ndarray, "patterns rows cols"]:
     for (ax, ay), (bx, by) in itertools.pairwise(turned):
         # The sum of two neighbouring critical directions lies strictly between them.
         order = np.argsort((ax + bx) * x + (ay + by) * y, kind="stable")
+        # Prefixes of the order are the half-planes of this direction; complements those of the opposite one.
         lit = np.zeros(side * side, bool)
         for texel in order:
             lit[texel] = True

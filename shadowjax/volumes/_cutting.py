@@ -116,6 +116,7 @@ class Cutter:
         point = first + place * (second - first)
         length = float(np.linalg.norm(second - first))
         # Two planes that cross a line at one place make one corner.
+        # Corners already on the line, within the tolerance measured along it.
         near = [other for other, at in self.places[line].items() if abs(at - place) * length <= self.tolerance]
         if near:
             made = near[0]

@@ -142,6 +142,7 @@ def shadow_quads(mesh: Mesh, light: Light, edges: VolumeEdges) -> Float[Array, "
     Returns:
         Homogeneous corners (x, y, z, w): first end, second end, second end and first end at infinity.
     """
+    # Near ends with w = 1, then where the light throws them, w = 0, in reverse order round the quad.
     corners = mesh.vertices[edges.ends]
     away = at_infinity(corners, light.homogeneous)
     near = jnp.concatenate([corners, jnp.ones_like(corners[..., :1])], axis=-1)

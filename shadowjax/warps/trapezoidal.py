@@ -27,6 +27,7 @@ def trapezoidal(frustum: LightFrustum, focus: float = 0.2, share: float = 0.8) -
     require(0 < focus < 1, f"focus, a share of the depth range, must lie between 0 and 1; got {focus}")
     require(0 < share < 1, f"share, a share of the map's rows, must lie between 0 and 1; got {share}")
     extent = frustum.extent
+    # δ of the point in focus; the uniform map where share·W ≤ δ (`ratio`).
     offset = frustum.offset(frustum.near + focus * (frustum.far - frustum.near))
     return frustum.ratio(offset * extent * (1 - share), share * extent - offset)
 

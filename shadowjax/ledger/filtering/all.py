@@ -65,6 +65,7 @@ def _pages(inputs: Inputs) -> Fraction:
     """Thousands of pages of a KiB that the textures of a technique begin, texture by texture and level by level."""
     size, (chained, single) = inputs.integer("res"), _FORMATS[_name(inputs)]
     levels = [size >> level for level in range(size.bit_length())]
+    # Textures of at most 8 bytes a texel, as the source keeps them, each rounded up alone.
     each = [chained] if chained <= 8 else [8] * (chained // 8)
     sizes = [sum(one * level * level for level in levels) for one in each] + [single * size * size]
     return Fraction(sum(len(range(0, count, 1024)) for count in sizes), 1000)

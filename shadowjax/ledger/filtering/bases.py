@@ -52,6 +52,7 @@ def _dirichlet(inputs: Inputs) -> float:
     """½ + ∫₀^{z−d} sin(2Mπx)/sin(πx) dx: the integral of the closed-form derivative of the undamped series."""
     terms, end = inputs.integer("M"), inputs.number("z_minus_d")
 
+    # Σ 2·cos c_k x is a geometric sum, the Dirichlet kernel sin(2Mπx)/sin(πx).
     def derivative(x: float) -> float:
         return 2 * terms if x == 0 else math.sin(2 * terms * math.pi * x) / math.sin(math.pi * x)
 

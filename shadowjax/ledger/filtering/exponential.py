@@ -74,6 +74,7 @@ def _exponential_series(inputs: Inputs) -> float:
     """e³⁰ by its power series in whole fractions."""
     term = total = Fraction(1)
     for k in range(1, 130):
+        # 30ᵏ/k! from the term before; 129 terms leave far less than float64 resolves.
         term = term * 30 / k
         total += term
     return float(total)

@@ -50,6 +50,7 @@ def _bleed_markov(inputs: Inputs) -> float:
 def _warped_bleed(inputs: Inputs) -> float:
     near, far, receiver, share = _depths(inputs)
     c = inputs.number("c")  # depths themselves are the limit of c → 0, as straight lines bend no ratio
+    # The same bound on warped depths; at c = 0 on depths themselves.
     warped = [math.exp(c * depth) if c else depth for depth in (near, far, receiver)]
     return _markov((warped[0], warped[1]), share, warped[2])
 
@@ -66,6 +67,7 @@ def _bleed_over_shares(inputs: Inputs) -> float:
     r = inputs.number("spread")
 
     def light(q: float) -> float:
+        # Depths 0 with weight 1 − q and r with weight q, before a receiver at 1 + r.
         mean = q * r
         variance = q * r * r - mean * mean
         return variance / (variance + (1 + r - mean) ** 2)

@@ -101,6 +101,7 @@ def _box_overlap(inputs: Inputs) -> float:
     total = Fraction(0)
     for name in ("z00", "z10", "z01", "z11"):
         col, row = int(name[1]), int(name[2])
+        # Overlap of two unit intervals whose middles lie this far apart, along each axis.
         across = 1 - abs(inputs.fraction("theta") - col)
         down = 1 - abs(inputs.fraction("phi") - row)
         total += across * down * (inputs.fraction("d") <= inputs.fraction(name))
@@ -120,6 +121,7 @@ def _taps_counted(inputs: Inputs) -> int:
     """Weight that one lit texel has in the package's filter, inverted: the number of taps."""
     width = inputs.integer("K")
     dtype = default_dtype()
+    # One lit texel in a dark map: its weight in the mean is one over the number of taps.
     stored = jnp.zeros((1, 9, 9), dtype=dtype).at[0, 4, 4].set(2)
     middle = jnp.full((1, 2), 4.5 if width % 2 else 5.0, dtype=dtype)
     one = jnp.ones((1,), dtype=dtype)

@@ -32,6 +32,7 @@ def _sampled_misaddress(inputs: Inputs) -> float:
     """Share of evenly spaced positions that (4.4) takes to another texel than the one that they lie in."""
     size, rule = inputs.integer("D"), _rule(inputs)
     twice = 2 * np.arange(GRID, dtype=np.int64) + 1  # position is twice / (2·GRID), so all is exact integers
+    # Rounding is the floor of half a texel more, in the same exact integers.
     half = GRID if rule == "round" else 0
     addressed = (_scale(size, rule) * twice + half) // (2 * GRID)
     return float(np.mean(addressed != size * twice // (2 * GRID)))
@@ -108,6 +109,7 @@ def _printed_attenuation(num_lit: int = 18) -> np.float32:
     constant = np.float32(0.0555555)
     results = np.where(np.arange(18) < num_lit, constant, np.float32(0)).astype(np.float32)
     total = np.float32(0)
+    # Four results a register, each register summed on its own, then the five sums.
     for start in range(0, 18, 4):
         register = np.float32(0)
         for value in results[start : start + 4]:

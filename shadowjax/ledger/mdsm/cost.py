@@ -25,6 +25,7 @@ def counted_taps(num_taps: int, policy: str = "1-SM") -> int:
     """Texels that one lookup of the package's filter reads, counted on real arrays."""
     stored = real.policy_planes(_map(), policy)
     width = kernel_width(num_taps)
+    # At a texel's centre for odd kernels, between texels for even ones: the taps then lie on centres.
     middle = jnp.full((1, 2), 3.0 + (0.5 if width % 2 else 0.0), dtype=stored.dtype)
     return cost.count_lookup_fetches(lambda planes: real.visibility(planes, middle, width), stored)
 

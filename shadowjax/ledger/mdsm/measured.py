@@ -45,6 +45,7 @@ def window_visibility(
     windows: Float[Array, "batch rows cols"], policy: str, width: int, include_centre: bool = True
 ) -> Float[Array, "batch"]:
     """Visibility of one receiver in the middle of each window, whose texels hold depths."""
+    # The window's middle: one texel of neighbourhood, then half the kernel.
     middle = jnp.full((1, 2), 1.5 + (width - 1) / 2, dtype=windows.dtype)
 
     def one(depth: Float[Array, "rows cols"]) -> Array:

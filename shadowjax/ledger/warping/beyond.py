@@ -32,6 +32,7 @@ def _map_errors(view: LightFrustum, distance: jax.Array, heights: jax.Array) -> 
 
     def one(z: jax.Array, slope: jax.Array) -> jax.Array:
         point = jnp.stack([jnp.zeros_like(z), slope * z, z])
+        # dt/dz' of the matrix map at the point; m_z is its inverse over the pixel's width.
         rate = jax.jvp(lambda u: warp_point(matrix, point + u * axes[2]), (jnp.zeros_like(z),), (jnp.ones_like(z),))[1]
         return 1 / (rate[1] * 2 * z * view.tan_y)
 
@@ -84,6 +85,7 @@ def _worst_ratio(i: Inputs):
     if "gamma_deg" not in i:
         return _peak(i)
     section, rule, gamma = SECTIONS[i.text("section")], i.text("rule"), i.angle("gamma_deg")
+    # Half a unit of the last digit to either side shows whether it decides anything.
     rounding = math.radians(0.5e-6)  # such rows spell γ with six decimals of a degree
     loss = np.asarray(_loss(_fan(i, gamma + rounding * np.asarray([-1.0, 0.0, 1.0])), rule, section))
     spread = float(np.max(np.abs(loss / loss[1] - 1)))
@@ -131,6 +133,7 @@ def _peak(i: Inputs) -> float:
     rule, section = i.text("rule"), SECTIONS[i.text("section")]
     steps = limit * np.arange(1, 401) / 400
     values = np.asarray(_loss(_fan(i, steps), rule, section))
+    # Between the neighbours of the best step, 2001 finer ones.
     near = steps[max(int(np.argmax(values)) - 1, 0)], min(steps[int(np.argmax(values))] + limit / 400, limit)
     fine = np.linspace(*near, 2001)
     return float(jnp.max(_loss(_fan(i, fine), rule, section)))

@@ -133,6 +133,7 @@ def _split_storage_brute(i: Inputs) -> float:
 def _mixed_cut(i: Inputs) -> float:
     """λ·n(f/n)^(j/k) + (1 − λ)(n + (f − n)j/k), the power by exact roots of 40 digits."""
     with localcontext(prec=40):
+        # Powers and roots of 40 digits, rounded to float64 once.
         near, far, weight = (Decimal(i.number(name)) for name in ("n", "f", "weight"))
         j, k = i.integer("index"), i.integer("k")
         logarithmic = near * (far / near) ** (Decimal(j) / k)
@@ -151,6 +152,7 @@ def _clamped_by_logs(i: Inputs) -> list[float]:
     weight, share = Fraction(str(i.number("gamma_deg"))) / 90, i.number("least_share")
     planes = [end]
     for j, alpha in reversed(list(enumerate(i.numbers("alphas"), start=2))):
+        # What is left of ln(f/n) in front of this cut.
         left = math.log(end) - math.log(near)
         wanted = float(weight) * math.exp(math.log(near) + left * (j - 1) / j) + float(1 - weight) * end / alpha
         end = max(wanted, math.exp(math.log(near) + share * left * (j - 1) / j))

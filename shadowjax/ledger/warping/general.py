@@ -106,6 +106,7 @@ def _sine(angle: float) -> float:
     """sin of an angle up to π/2 without a sine: 2t/(1 + t²), the integral of 2/(1 + s²) from 0 to t being the angle."""
     if angle == 0:
         return 0.0
+    # The half-angle's tangent t, found from the angle as an integral, gives the sine without one.
     t = root(lambda t: quad(lambda s: 2 / (1 + s * s), 0, t, epsabs=0, epsrel=1e-13)[0] - abs(angle), 0.0, 1.0 + 1e-9)
     return math.copysign(2 * t / (1 + t * t), angle)
 

@@ -65,6 +65,7 @@ def _m_closed(i: Inputs):
     """Exact ratio of footprints in closed form: eq. 12 with the second order of both beams kept."""
     view, s, _ = _beams(i)
     h, slope = view.tan_y / s["res"], math.tan(s["alpha"])
+    # Along z' of light space, for a point off the axis too.
     q, extent = s["nprime"], view.extent
     high = q + view.offset(jnp.asarray(s["depth"]), jnp.asarray(s["depth"] * slope))
     # z'(t) = n'f'/(f' − t·W): the exact difference over t ± ½/res is dz'/dt/res over 1 − (W·z'/(2·res·n'f'))².

@@ -87,6 +87,7 @@ def _starts(span: float, k: int, limit: float, limited: bool, free: bool) -> Ite
     Equal ratios, one slice longer or shorter, all but the first at the limit; under a limit on free n', where optima
     are many, also strong warps and random ones from a fixed seed.
     """
+    # Equal shares of ln(f/n), with the bends of the closed form.
     equal = np.full(k, span / k)
     yield equal, None
     for power in (0.5, 1.0, 2.0) if limited else ():
@@ -235,6 +236,7 @@ def _solve(start: np.ndarray, bend: np.ndarray | None, *args: Any) -> tuple[np.n
     # The starting levels lie exactly on the maximum of their pieces: a feasible start for the storages.
     level = np.max(np.asarray(log_storages(parts, distance, kind.section), np.float64), axis=-1)
     level = level if kind.objective == "sum" else np.asarray([level.max()])
+    # The order of `functions_of`: log ratios, bends, levels.
     v = np.concatenate([start, np.clip(bend, 1e-9, 1 - 1e-9), level])
     span = float(np.log(float(view.far / view.near)))
     sums = np.concatenate([np.ones(k), np.zeros(len(v) - k)])
@@ -339,6 +341,7 @@ def _variables(view: LightFrustum, limit: Array, point: Any, kind: Problem, sett
         return condition_of(z, view, limit, start, holds, fixed, kind)
 
     def tangent(linear: Any, change: Array) -> Array:
+        # The linearised conditions as a matrix: a few dozen unknowns, solved densely.
         matrix = jax.jacfwd(linear)(jnp.zeros_like(change))
         # A singular system has no derivative to give: equally good optima lie along its null space.
         spread = jnp.linalg.svd(matrix, compute_uv=False)

@@ -189,6 +189,7 @@ def _solve(frustum: LightFrustum, asked: Objective, section: Section) -> NearDis
     along = error_pieces(frustum, "z", section).logs(distance)
     certificate = Certificate(published, jnp.abs(along[0] - along[1]), below, above, uniform)
     if exact is not None and asked.error is not None:
+        # Where both are the uniform map, how large the numbers are that stand for ∞ has no meaning.
         difference = jnp.where(uniform, jnp.zeros_like(x), jnp.abs(distance - exact) / jnp.maximum(distance, exact))
         excess, bound = value(exact) / best - 1, rounding_bound(frustum, distance, asked.error, section)
         # Both objectives carry a rounding error of up to `bound` each.

@@ -40,6 +40,7 @@ def _on_branch(part: LightFrustum, branch: Array | None, warp: str, section: Sec
     if warp == "uniform":
         strength, branch = uniform, jnp.full(uniform.shape, 2)
     else:
+        # `lispsm` is the source's own n' on the axis, whatever the section its errors are taken over.
         equal = near_distances.equalising(part, section if warp != "lispsm" else "axis")
         # where it is no n' it is not followed, and must not meet a logarithm
         first = 1 / jnp.where(equal > 0, equal, part.extent)
@@ -146,6 +147,7 @@ def _solve(
         xs, values = jax.vmap(lambda m: _Pair(view, span, m, k, objective, warp, section).best())(firsts)
         index = jnp.argmin(values)
         pair = _Pair(view, span, firsts[index], k, objective, warp, section).lengths(xs[index])
+        # m slices of one length, k − m of the other; sorted, as their order does not matter.
         unequal = jnp.sort(jnp.where(jnp.arange(k).astype(dtype) < firsts[index], pair[0], pair[1]))
         # Unequal slices must be better by more than rounding, else equal ratios stand.
         few = max(1e-9, 8 * float(jnp.finfo(dtype).eps))

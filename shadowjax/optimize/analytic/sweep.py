@@ -134,6 +134,7 @@ def sweep(
 def laid_out(rows: ArrayLike) -> Array:
     """Rows padded with copies of the first to a multiple of the number of devices, and split between them."""
     rows, devices = as_float_array(rows), np.asarray(jax.devices())
+    # −len % devices rows are missing; copies of the first are valid views and are cut off afterwards.
     padding = jnp.broadcast_to(rows[:1], (-len(rows) % len(devices), *rows.shape[1:]))
     layout = NamedSharding(Mesh(devices, ("rows",)), PartitionSpec("rows"))
     return jax.device_put(jnp.concatenate([rows, padding]), layout)

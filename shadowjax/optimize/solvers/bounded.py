@@ -96,6 +96,7 @@ def minimise_multistart(
         require(start.shape == low.shape, f"a start must have the bounds' shape {low.shape}; got {start.shape}")
         require(bool(np.isfinite(start).all()), f"a start must hold finite numbers; got {start}")
         searches.append(_search(value_and_slope, np.clip(start, low, high), low, high, max_steps, tolerance))
+    # Every start is reported, so that multimodality shows; the best one is the answer.
     losses = np.array([one.loss for one in searches])
     best = int(np.argmin(losses))
     found = searches[best]

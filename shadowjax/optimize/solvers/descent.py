@@ -107,6 +107,7 @@ def descend(
     moved, mean, square = (np.zeros_like(start) for _ in range(3))
     losses, places, others, reason, result = [], [], [], "", optx.RESULTS.successful
     for step in range(num_steps + 1):
+        # Displacements are diffused over the mesh before they are added: neighbours move along.
         vertices = start + spread @ moved
         loss, other, slope = value_and_slope(vertices)
         losses.append(float(loss))

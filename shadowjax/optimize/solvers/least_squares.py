@@ -144,6 +144,8 @@ def _descend(residual: Residual, start: Array, target: float, max_steps: int, to
         there = at + jnp.asarray(step, at.dtype)
         new_rest, new_slopes, new_loss = _evaluate(residual, there)
         if new_loss < loss:
+            # An accepted step lowers the damping towards Gauss–Newton, a refused one raises it towards gradient
+            # descent.
             fall = 1 - new_loss / loss
             at, rest, slopes, loss = there, new_rest, new_slopes, new_loss
             history.append(np.asarray(at))

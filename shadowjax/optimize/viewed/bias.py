@@ -137,6 +137,7 @@ def bias(
         low, high = known[max(best - 1, 0)], known[min(best + 1, len(known) - 1)]
         grid = np.linspace(low, high, num_values)
     value = min(tried, key=lambda v: (tried[v], v))
+    # The maps were built with their own default bias, so reading them as they are gives the baseline.
     default = float(np.sqrt(np.mean([float(error_of(b, v)) ** 2 for b, v in zip(built, views, strict=True)])))
     ordered = sorted(tried)
     limits = [

@@ -175,6 +175,7 @@ class ExpectedError(Checked):
         """Softened depth tests at places of the light's plane: bilinear between those at the fine texels."""
         fine = self.fine
         position = fine.grid.plane_map.forward(plane) * fine.grid.resolution
+        # Bilinear between the four fine texels around a place; each answers with a softened test.
         corner = position - 0.5
         base = jnp.floor(jax.lax.stop_gradient(corner))
         part = corner - base
@@ -192,6 +193,7 @@ class ExpectedError(Checked):
 
     def error(self, settings: Settings) -> Float[Array, ""]:
         """Root of the weighted mean squared error, softened, over all receivers and placements."""
+        # First over the placements of a receiver, then over receivers by weight.
         each = jnp.mean((self.visibility(settings) - self.exact[:, None]) ** 2, axis=-1)
         return jnp.sqrt(jnp.sum(self.weight * each))
 

@@ -173,6 +173,7 @@ def exponent(
     chosen, blur = FAMILIES[family], Prefilter(blur_size)
     tried: dict[tuple[float, ...], float] = {}
 
+    # Each set of numbers is measured once; beyond the budget untried ones count as infinitely bad.
     def error(values: tuple[float, ...]) -> float:
         if values not in tried and len(tried) < evaluations:
             tried[values] = mean_error(views, chosen.make(values, blur))

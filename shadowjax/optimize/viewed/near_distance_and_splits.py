@@ -90,6 +90,7 @@ def _worst(pixels: SeenPixels, chart: Chart) -> tuple[Array, LogError]:
     weight = pixels.weight / pixels.depth
 
     def log_error(bend: Array) -> Array:
+        # m_z = W(1 + uκ)²/(1 + Wκ)/(2z·tan φ_y) with 1/(1 + Wκ) = 1 − b.
         stretch = 1 + offset * (bend / (1 - bend) / extent)
         return _log(jnp.max(weight * stretch * stretch) * extent * (1 - bend) / (2 * pixels.half_size[1]))
 
@@ -166,6 +167,7 @@ def _slope(function: Any, place: Array, side: int) -> Array:
 def _least(piece: Any, active: Any, dtype: Any) -> Array:
     """Bend of least value in [0, 1): the best of a grid, polished between its neighbours."""
     grid = jnp.linspace(0, 1 - 1 / BENDS, BENDS, dtype=dtype)
+    # The error may have several valleys in the bend: the grid finds the deepest.
     index = jnp.argmin(jax.lax.stop_gradient(jax.vmap(lambda bend: piece(bend, None))(grid)))
     start, width = grid[index], grid[1] - grid[0]
     ends = jnp.maximum(start - width, 0.0), jnp.minimum(start + width, 1 - 0.01 / BENDS)

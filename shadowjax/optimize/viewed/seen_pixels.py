@@ -109,6 +109,7 @@ class Chart(NamedTuple):
 def chart_between(pixels: SeenPixels, near: Float[Array, "*batch"], far: Float[Array, "*batch"]) -> Chart:
     """The map of every pair of depths."""
     corners = jnp.concatenate([near[..., None, None] * pixels.edges, far[..., None, None] * pixels.edges], axis=-2)
+    # Eight corners along the last axis but one: four on each plane, in proportion to its depth.
     along, across = corners[..., 0], corners[..., 1]
     lowest = -largest(-along)
     middle = (largest(across) - largest(-across)) / 2
@@ -157,6 +158,7 @@ def total_error(
     ]
     # Σ w(1 + uκ)³/z².
     cubic = about[0] + strength * (3 * about[1] + strength * (3 * about[2] + strength * about[3]))
+    # Corners projected onto the lowest line: the extremes there bound the trapezium, whose width is w(κ).
     shrunk = _shrunk(chart, strength)
     last, first = widest(chart, strength) if sides is None else sides
     width = (

@@ -129,6 +129,7 @@ def depths(
     num = require_int(num_depths, "num_depths", 2)
     require(num <= 5, f"num_depths is at most 5, of which one is the texel's own; got {num}")
     views, test_views = as_views(views), as_views(test_views)
+    # All sets of extra depths: nine ranks, or eight neighbours, taken num − 1 at a time.
     sets = list(itertools.combinations(range(1, 10 if candidates == "ranks" else 9), num - 1))
 
     def errors(some: tuple[Viewed, ...]) -> np.ndarray:
@@ -137,6 +138,7 @@ def depths(
         ]
         return np.sqrt(np.mean(np.square(np.asarray(each, float)), axis=0))
 
+    # The set is chosen on the first scenes alone; the others only say how it does elsewhere.
     measured, test = errors(views), errors(test_views)
     best = int(np.argmin(measured))
     where = {members: index for index, members in enumerate(sets)}
@@ -242,6 +244,7 @@ def taps(
 
     solver = optx.BFGS(rtol=1e-4, atol=1e-6)
     found = optx.minimise(loss, solver, free, views, max_steps=steps, throw=False)
+    # Back to offsets, which the hyperbolic tangent keeps within the room.
     learned = room * jnp.tanh(found.value)
 
     def error(offsets: Array, some: tuple[Viewed, ...]) -> Array:

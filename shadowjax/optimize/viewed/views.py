@@ -145,6 +145,7 @@ def view_scene(
     def flat(x: Any) -> Array:
         return x.reshape(-1, *x.shape[2:])
 
+    # Pixels as one list: searches do not need the image's shape.
     surface = view.surface
     return Viewed(
         flat(surface.points), flat(surface.normals), flat(surface.face), flat(view.exact), flat(view.cosine), shadows,

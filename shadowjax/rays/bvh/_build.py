@@ -67,6 +67,7 @@ def _levels(middle: np.ndarray, bounds: np.ndarray) -> list[_Level]:
         starts = np.cumsum(counts) - counts
         inner = counts > LEAF_SIZE
         keep = np.repeat(inner, counts)
+        # Mean centroid of each node, by which children are ordered for every octant.
         centre = np.add.reduceat(middle, starts) / counts[:, None]
         levels.append(_Level(inner, centre, order[~keep], counts[~inner]))
         if not keep.all():
@@ -154,6 +155,7 @@ def _number(levels: list[_Level], num_faces: int) -> Topology:
         one, two = parents + 1, parents + 1 + nodes[:, 0]
         inner.append(parents)
         second.append(two)
+        # From the first child to the second, along the axis on which they lie farthest apart.
         apart = levels[depth + 1].middle.reshape(-1, 2, 3)
         apart = apart[:, 1] - apart[:, 0]
         axis = np.argmax(np.abs(apart), axis=1)

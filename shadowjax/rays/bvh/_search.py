@@ -96,6 +96,7 @@ def _table(fitted: Fitted, rays: Rays) -> Float[Array, "rays 18"]:
     smallest = jnp.asarray(jnp.finfo(direction.dtype).tiny ** 0.5, direction.dtype)
     # Along a ray parallel to a face of a box the inverse must be huge, not infinite: 0 × ∞ is no number.
     steep = jnp.where(jnp.abs(direction) < smallest, jnp.where(direction < 0, -smallest, smallest), direction)
+    # Largest offset of the ray's origin from the scene's box: what corners' roundings are a share of.
     reach = jnp.maximum(jnp.abs(fitted.boxes[0, :3] - rays.origins), jnp.abs(-fitted.boxes[0, 3:] - rays.origins))
     widen = WIDEN_ROUNDINGS * jnp.finfo(direction.dtype).eps * jnp.sum(reach, axis=-1)
     columns = [rays.origins, *orthonormal_frame(direction), direction, 1 / steep]

@@ -59,6 +59,7 @@ def generalise(
     beyond = miss_key(world.dtype)
     ahead = key < beyond
     # Begin with a corner in front: the key is extended over the plane from there.
+    # Rotation of the corners that puts one in front first; rolling keeps their sense.
     turns = jnp.where(ahead[0], 0, jnp.where(ahead[1], 1, 2))
     gathered = jnp.stack([x, y, w, u, v, key])
     later, last = jnp.roll(gathered, -1, axis=1), jnp.roll(gathered, -2, axis=1)

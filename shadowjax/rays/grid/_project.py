@@ -143,6 +143,7 @@ def view(grid: RayGrid) -> View:
     start = jnp.broadcast_to(grid.far, (rows, cols)) if parallel else -jnp.sqrt(1 + squared) / grid.far
     # A hit exactly at the limit counts: start a few roundings beyond it.
     start = start + 4 * jnp.finfo(dtype).eps * jnp.abs(start)
+    # The region's four sides and w ≥ nearest: five half-spaces of homogeneous plane coordinates.
     corners = region_corners(plane_map, dtype)
     near_side = jnp.stack([jnp.zeros((), dtype), jnp.zeros((), dtype), jnp.ones((), dtype)])
     sides = jnp.concatenate([region_sides(corners), near_side[None]])

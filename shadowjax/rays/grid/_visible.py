@@ -220,6 +220,7 @@ def _sorted(
     def enter(i: Index, state: tuple) -> tuple:
         for k in range(AT_ONCE):
             point = i * AT_ONCE + k
+            # A counting sort: the cell's beginning plus the point's rank in it.
             at = number(begin, number(cell, point)) + number(rank, point)
             state = tuple(put(to, number(of, part, point), at) for to, of in zip(state, asked, strict=True))
         return state

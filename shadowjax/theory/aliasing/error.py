@@ -74,6 +74,7 @@ def error_x(
 
 def _worst(frustum: LightFrustum, strength: Float[Array, "..."], section: Section) -> tuple[Array, Array]:
     """1 + offset/n' of the worst line at the near and at the far plane."""
+    # The worst line's offset is E at the near plane and F = E + g·(f − n) at the far one.
     offset, slope = frustum.worst_line(section)
     return 1 + offset * strength, 1 + (offset + slope * (frustum.far - frustum.near)) * strength
 
@@ -137,6 +138,7 @@ class Pieces(Checked):
 
     def terms(self, near_distance: Annotated[Float[Array, "*batch"], MAY_BE_INFINITE]) -> Float[Array, "*batch pieces"]:
         """Sum of the sizes of the terms that a piece's slope along ln n' is made of: rounding is a share of it."""
+        # d ln(1 + u/n')/d ln n' = −(u/n')/(1 + u/n'): the terms of a slope, by size.
         ratio = jnp.abs(self.offsets) / near_distance[..., None]
         return jnp.sum(jnp.abs(self._powers()) * (ratio / (1 + ratio))[..., None, :], axis=-1)
 

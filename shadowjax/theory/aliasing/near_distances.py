@@ -87,6 +87,7 @@ def fade_squared(gamma: Float[Array, "..."], gamma_limit: Float[Array, "..."]) -
 
     Source: warping, eq. 44.
     """
+    # 1 + sin(x − π/2) = 1 − cos x = 2·sin²(x/2).
     half = jnp.sin(gamma / gamma_limit * (math.pi / 4))
     return (2 * half * half) ** 2
 
@@ -163,6 +164,7 @@ def eta_from_near_distance(frustum: LightFrustum, near_distance: VirtualNear) ->
 
     Source: warping, eq. 32 with the M_z of eq. 29, its differences of nearly equal errors taken out.
     """
+    # η is ±(M_z − M_z,best)/(M_z,end − M_z,best), towards PSM or the uniform map, with common factors divided out.
     past = frustum.near + mean_depth(frustum) - near_distance  # of LiSPSM's
     towards_psm = frustum.near * past / (near_distance * mean_depth(frustum))
     towards_uniform = past / (near_distance + (frustum.far - frustum.near))

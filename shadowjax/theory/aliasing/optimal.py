@@ -120,6 +120,7 @@ def balanced(
     lowest = jnp.where(lowest < best_z, lowest, best_z)
     crossing = jnp.exp(bisect(excess, jnp.log(lowest), jnp.log(best_z)))
     # o ≤ E: (x + E/W)(x + o/W) = p·x(x + 1) with x = n'/W, larger root
+    # M_x = M_z of the near branch, multiplied out: p collects all constant factors.
     p = frustum.far * ratio_x / (ratio_z * extent / (2 * frustum.tan_y))
     first, second = offset / extent, low / extent
     # Collected: (1 − p)x² + (E/W + o/W − p)x + E·o/W² = 0. For p ≥ 1 M_z never gets as large as M_x again.

@@ -127,6 +127,7 @@ def overhead_error_z(
     Source: warping, eq. 26.
     """
     length, beyond = frustum.far - frustum.near, near_distance + depth - frustum.near
+    # dz/dt over the pixel's width: eq. 24 inverted, over eq. 17.
     shape = beyond * beyond / (depth * near_distance * (near_distance + length))
     return resolution_ratio * length / (2 * frustum.tan_y) * shape
 

@@ -38,6 +38,7 @@ def implicit(residual: Callable[[Array], Array], found: Float[Array, "..."]) -> 
         slope = linear(jnp.ones_like(change))
         return change / eqx.error_if(slope, jnp.any(slope == 0), _NOT_UNIQUE)
 
+    # `solve` returns the root that is known; `tangent` solves the linearised residual for its change.
     return jax.lax.custom_root(residual, jax.lax.stop_gradient(found), lambda _, x: x, tangent)
 
 
@@ -64,6 +65,7 @@ def bisect(
     def halve(_: Any, ends: tuple[Array, Array]) -> tuple[Array, Array]:
         left, right = ends
         middle = (left + right) / 2
+        # A decreasing function that is positive at the middle has its root to the right.
         positive = decreasing(middle) > 0
         return jnp.where(positive, middle, left), jnp.where(positive, right, middle)
 

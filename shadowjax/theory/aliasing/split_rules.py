@@ -111,6 +111,7 @@ def splits_after(near: ArrayLike, first: ArrayLike, far: ArrayLike, num_partitio
     if num_partitions == 1:
         return equal
     first = as_float_array(first, equal.dtype)
+    # Strictly inside, so that every slice has a length.
     inside = (first > equal[..., 0]) & (first < equal[..., -1])
     # A first cut outside the range is not used, but must not reach `logarithmic_splits`, which would refuse it.
     start = jnp.where(inside, first, equal[..., 1])

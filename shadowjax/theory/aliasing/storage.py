@@ -98,6 +98,7 @@ def slices(frustum: LightFrustum, splits: Float[Array, "*batch planes"]) -> Ligh
     def each(x: Numbers) -> Numbers:
         return jnp.broadcast_to(x[..., None], splits[..., 1:].shape)
 
+    # Near planes are all planes but the last, far planes all but the first.
     return LightFrustum(
         splits[..., :-1], splits[..., 1:], each(frustum.phi_y), each(frustum.phi_x), each(frustum.gamma)
     )

@@ -41,6 +41,7 @@ def least_worst_strength(
     """
     # In x = ln(1 + W·κ) the stretch 1 + u·κ is 1 + (u/W)(eˣ − 1), and ln of each error is convex.
     share = offset / extent
+    # A point without weight has ln 0: a level that is never the largest, from a harmless logarithm.
     counts = weight > 0
     level = jnp.where(counts, jnp.log(jnp.where(counts, weight, jnp.ones_like(weight))), -1e30)
 
