@@ -112,6 +112,7 @@ class NeededBias(NamedTuple):
         counted = self.lit & (sizes[unit] > 0)
         if not counted.any():
             return 0.0
+        # "higher" takes a bias that a receiver needs, never one between two, which would free too few.
         return float(np.quantile(self.world[counted] / sizes[unit][counted], share, method="higher"))
 
 

@@ -87,6 +87,7 @@ def _blur(image: Float[Array, "rows cols channels"]) -> Float[Array, "inner_rows
     weights = np.exp(-(offset**2) / (2 * SSIM_SIGMA**2))
     taps = [float(weight) for weight in weights / weights.sum()]
     rows, cols = image.shape[0] - SSIM_WIDTH + 1, image.shape[1] - SSIM_WIDTH + 1
+    # The window is separable: down the rows first, then across the columns.
     down = sum((tap * image[i : i + rows] for i, tap in enumerate(taps)), start=jnp.zeros_like(image[:rows]))
     return sum((tap * down[:, i : i + cols] for i, tap in enumerate(taps)), start=jnp.zeros_like(down[:, :cols]))
 

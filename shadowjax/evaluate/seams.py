@@ -114,6 +114,7 @@ def seam_steps(
     def pairs(image: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         return (image[1:], image[:-1]), (image[:, 1:], image[:, :-1])
 
+    # Each pixel with the one below it, then with the one to its right: every border is counted once.
     total, count, other, others, largest = (jnp.zeros((), values.dtype) for _ in range(5))
     for value, place, both, on in zip(pairs(values), pairs(region), pairs(valid), pairs(face), strict=True):
         step = jnp.abs(value[0] - value[1])
@@ -123,6 +124,7 @@ def seam_steps(
         total, count = total + jnp.sum(step * seam), count + jnp.sum(seam)
         other, others = other + jnp.sum(step * inner), others + jnp.sum(inner)
         largest = jnp.maximum(largest, jnp.max(step * seam, initial=0.0))
+    # A mean over no pairs is 0, not 0/0.
     one = jnp.ones_like(count)
     return SeamSteps(
         total / jnp.maximum(count, one), other / jnp.maximum(others, one), largest, count.astype(jnp.int32)

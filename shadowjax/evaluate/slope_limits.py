@@ -107,6 +107,7 @@ def _ratio_and_cosine(shadows: MappedShadows | AdaptiveShadows, points: Points, 
     else:
         grids = shadows.grids
         region = shadows.partition.select(grids, shadows.camera, points)
+    # Slopes without a limit: how large a limit would have to be is what is asked for.
     ratios = [depth_slope(grid, points, normals, math.inf) / texel_size(grid, points) for grid in grids]
     ratio = jnp.take_along_axis(jnp.stack(ratios), jnp.clip(region, 0)[None], axis=0)[0]
     return ratio, dot(normals, grids[0].space.to_source(points))

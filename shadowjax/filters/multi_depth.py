@@ -124,6 +124,7 @@ def _ring_cells(radius: int) -> list[tuple[int, int]]:
     cells = [
         (r, c) for r in range(-radius, radius + 1) for c in range(-radius, radius + 1) if max(abs(r), abs(c)) == radius
     ]
+    # atan2 of (column, −row): 0 is straight up, and angles grow clockwise, towards greater columns.
     return sorted(cells, key=lambda cell: math.atan2(cell[1], -cell[0]) % (2 * math.pi))
 
 

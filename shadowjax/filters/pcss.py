@@ -60,6 +60,7 @@ def _over_taps(
         col = texel_index(lookup.position[..., 0] + tap[0] * spacing)
         row = texel_index(lookup.position[..., 1] + tap[1] * spacing)
         (stored,) = read_texels(planes, col, row, lookup.border)
+        # `depth_at` follows the receiver's plane to the texel, where the lookup knows the plane.
         return step(state, stored, ~is_lit(stored, lookup.depth_at(col, row), lookup.bias)), None
 
     return jax.lax.scan(one, start, taps)[0]

@@ -146,5 +146,6 @@ def silhouette(mesh: Mesh, edges: EdgeAdjacency, light: Light) -> Bool[Array, "e
     """
     to_light, _ = light.to_light(mesh.triangles()[:, 0])
     facing = dot(mesh.area_vectors(), to_light) > 0
+    # OPEN is negative: a face of 0 stands in for it, and the last term answers.
     one, two = facing[edges.faces[:, 0]], facing[jnp.maximum(edges.faces[:, 1], 0)]
     return (one != two) | (edges.faces[:, 1] == OPEN)

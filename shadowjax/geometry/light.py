@@ -102,6 +102,7 @@ def _position(value: ArrayLike, name: str, dtype: DType | None) -> Vector3:
 
 
 def _on_disc(middle: Vector3, axis: Vector3, offsets: Float[Array, "samples 2"]) -> Float[Array, "samples 3"]:
+    # Any two directions across the axis do: a disc has no preferred one.
     across = any_perpendicular(axis)
     return middle + offsets[:, :1] * across + offsets[:, 1:] * jnp.cross(axis, across)
 

@@ -37,10 +37,13 @@ def polygon_of_face(mesh: Mesh) -> Int[Array, "faces"]:
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = normals / np.where(length > 0, length, 1)
+    # Side numbers are 3·face + i, so each pair names two neighbouring faces.
     one, two = pairs[:, 0] // 3, pairs[:, 1] // 3
     sine = np.linalg.norm(np.cross(normals[one], normals[two]), axis=1)
+    # A small sine with opposite normals is a fold back onto itself, not a plane.
     flat = (sine <= COPLANAR_SINE) & (np.sum(normals[one] * normals[two], axis=1) > 0)
     num_faces = mesh.num_faces
+    # Polygons are the connected parts of the graph whose links are flat edges.
     links = coo_array((np.ones(flat.sum(), np.int8), (one[flat], two[flat])), shape=(num_faces, num_faces))
     _, polygon = connected_components(links, directed=False)
     return jnp.asarray(polygon, jnp.int32)

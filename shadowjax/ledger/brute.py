@@ -116,6 +116,7 @@ def equalising(view: View, section: str = "axis"):
     """n' with (n' + E)²/n = (n' + F)²/f, E and F the heights of the worst line's ends over the lowest corner."""
     lowest, top = view.corners().min(axis=0), 1.0 if section == "whole" else 0.0
     at_near, at_far = (view.height(z, top * z * view.tan_y) - lowest for z in (view.near, view.far))
+    # The roots of both sides are linear in n'.
     return (at_far * np.sqrt(view.near) - at_near * np.sqrt(view.far)) / (np.sqrt(view.far) - np.sqrt(view.near))
 
 
@@ -128,6 +129,7 @@ def minimax(view: View, section: str = "axis"):
 
     def slope(log_q):
         q = np.exp(log_q)
+        # d/dn' of ln((n' + E)²/(n'(n' + W))), the near end's error: it falls, then rises.
         return 2 / (q + rise) - 1 / q - 1 / (q + extent)
 
     turn = np.exp(bisected(slope, np.log(1e-9 * view.near), np.log(1e12 * view.far)))

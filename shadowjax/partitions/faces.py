@@ -186,6 +186,7 @@ def skewed_warp(
 def _outline(space: LightSpace, camera: Camera) -> tuple[Vector2, Float[Array, "4 2"]]:
     """O, the camera's position on the light's plane, and the four edges of the frustum from it, per unit of depth."""
     signs = jnp.asarray([[-1, -1], [1, -1], [1, 1], [-1, 1]], camera.near.dtype)
+    # Corners of the image at depth 1 in the camera's frame, turned into the world by its rows.
     rays = jnp.concatenate([signs * camera.half_size, jnp.ones((4, 1), signs.dtype)], axis=1) @ camera.rotation
     apex, _ = space.project(camera.position)
     return apex, space.project(camera.position + rays)[0] - apex
@@ -196,6 +197,7 @@ def _applies(space: LightSpace, camera: Camera) -> Bool[Array, "4"]:
     apex, ends = _outline(space, camera)
     del apex
     travel = -space.to_source(camera.position)
+    # The light's direction of travel or its reverse, whichever leads to greater depth.
     deeper = jnp.where(dot(travel, camera.forward) < 0, -travel, travel)
     half = camera.half_size
     zero, one = jnp.zeros((), half.dtype), jnp.ones((), half.dtype)
@@ -221,6 +223,7 @@ def _lowest(near_corners: Float[Array, "4 2"], first: Vector2, last: Vector2, ax
     rounding = 1e-5
 
     def held(points: Float[Array, "points 2"]) -> Bool[Array, "points"]:
+        # Inside the wedge, or off it by no more than rounding: both cross products are areas, and so is the slack.
         slack = rounding * jnp.max(jnp.abs(near_corners)) * jnp.maximum(_length(first), _length(last))
         return (turn * _cross(first, points) >= -slack) & (turn * _cross(points, last) >= -slack)
 

@@ -52,6 +52,7 @@ def seen_range(
     """
     low = jnp.min(jnp.where(seen, depth, far)) / (1 + margin)
     high = jnp.max(jnp.where(seen, depth, near)) * (1 + margin)
+    # The margin must not leave the camera's range. A single depth is no range: slices of it would have no length.
     low, high = jnp.maximum(low, near), jnp.minimum(high, far)
     some = jnp.any(seen) & (high > low * (1 + 1e-3))
     return jnp.where(some, low, near), jnp.where(some, high, far)

@@ -113,6 +113,7 @@ def _box_grid(direction: Vector3, lower: Vector3, upper: Vector3, resolution: in
 def _grid_of_box(direction: Vector3, lower: Vector3, upper: Vector3, resolution: int, view: Vector3 | None) -> RayGrid:
     middle = 0.5 * (lower + upper)
     space = DirectionalSpace(middle, light_frame(-direction, direction if view is None else view))
+    # The eight corners of the box: its shadow on the plane is theirs.
     which = np.array(list(itertools.product([False, True], repeat=3)))
     plane, _ = space.project(jnp.where(which, upper, lower))
     return grid_around(space, Box(*bounding_box(plane)), lower - middle, upper - middle, resolution)

@@ -28,6 +28,7 @@ def gear_outline(teeth: int, radius: float, phase: float) -> np.ndarray:
     pitch = 2 * np.pi / teeth
     start = pitch * (np.arange(teeth) + phase)[:, None]
     angles = start + pitch * np.array([-0.36, -0.14, 0.14, 0.36])
+    # Root, tip, tip, root of every tooth, off the pitch circle in modules.
     radii = np.array([radius - 1.15 * module, radius + 0.95 * module, radius + 0.95 * module, radius - 1.15 * module])
     return np.stack([radii * np.cos(angles), radii * np.sin(angles)], -1).reshape(-1, 2)
 

@@ -38,6 +38,7 @@ def column(segments: int) -> Part:
 def arch(start: np.ndarray, end: np.ndarray, rise: float, width: float, depth: float, cells: int) -> Part:
     """Half an ellipse from `start` to `end` (3,) with a rectangular section, `depth` measured across the curve."""
     angle = np.linspace(np.pi, 0.0, cells + 1)
+    # From angle π, at the start, to 0, at the end; `reach` is the half axis along the span, `rise` the upright one.
     middle, reach = (start + end) / 2, (end - start) / 2
     path = middle + np.cos(angle)[:, None] * reach + rise * np.sin(angle)[:, None] * np.array([0.0, 1.0, 0.0])
     return sweep(rectangle(width, depth), path, np.cross(reach, [0.0, 1.0, 0.0]))

@@ -67,6 +67,7 @@ def convex_moments(corners: Float[Array, "faces 3 2"]) -> ShadowMoments:
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     areas = 0.5 * jnp.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
     total = jnp.sum(areas)
+    # Area times its middle for each triangle; the halves cancel in the centroid.
     first = jnp.sum(areas[:, None] * jnp.mean(corners, axis=1), axis=0)
     return ShadowMoments(0.5 * total, safe_divide(first, jnp.stack([total, total])))
 

@@ -39,6 +39,7 @@ def noise(octave: int, x: np.ndarray, z: np.ndarray) -> np.ndarray:
 @checked
 def ground_height(x: Any, z: Any) -> Any:
     """Height of the land, metres: ridges at the back, a gentle valley in front."""
+    # 1 − |2n − 1| has a crest wherever the noise crosses ½; its square narrows it.
     ridges = sum(0.5**k * (1.0 - np.abs(2.0 * noise(k, x, z) - 1.0)) ** 2 for k in range(OCTAVES))
     hills = sum(0.45**k * noise(k, z * HALF_X / HALF_Z, x * HALF_Z / HALF_X) for k in range(OCTAVES))
     upland = np.clip((10.0 - z) / 42.0, 0.0, 1.0) ** 1.3

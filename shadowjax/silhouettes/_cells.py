@@ -150,6 +150,7 @@ def places_beside(
     """Grid positions just left and right of segments, at a part of their length; left of x lies −y."""
     change = end - start
     length = jnp.sqrt(jnp.sum(change * change, axis=-1))
+    # A segment without length has no sides: both places fall on it, without 0/0.
     length = jnp.where(length > 0, length, jnp.ones_like(length))[:, None]
     normal = jnp.stack([-change[:, 1], change[:, 0]], axis=-1) / length
     middle = start + at[:, None] * change

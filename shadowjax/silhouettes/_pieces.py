@@ -93,11 +93,13 @@ def settle(
             return seen, other, listed, count, low, high
 
         def keep_other() -> tuple:
+            # Only pieces whose two ends saw different cases are halved further.
             differs = one[0] != seen[0]
             index = jnp.nonzero(differs, size=capacity, fill_value=0)[0].astype(jnp.int32)
             return one, seen, index, jnp.sum(differs, dtype=jnp.int32), low[index], high[index]
 
         def halve() -> tuple:
+            # The change lies beyond a place that looks like the low end, before one that does not.
             same = seen[0] == one[0][listed]
             return one, other, listed, count, jnp.where(same, at, low), jnp.where(same, high, at)
 

@@ -280,6 +280,7 @@ def segments_on(grid: RayGrid, first: Points, second: Points) -> tuple[Array, Ar
 
         def moved(one: int, points: Points, others: Points) -> Points:
             short = ahead[one] < limit
+            # Where nothing is cut, the divisor is 1, so that lines level with the view give no 0/0.
             gap = jnp.where(short & before, ahead[1 - one] - ahead[one], jnp.ones_like(limit))
             part = jnp.where(short & before, (limit - ahead[one]) / gap, jnp.zeros_like(limit))
             return points + part[..., None] * (others - points)

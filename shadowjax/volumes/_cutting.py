@@ -115,8 +115,7 @@ class Cutter:
         place = one / (one - two)
         point = first + place * (second - first)
         length = float(np.linalg.norm(second - first))
-        # Two planes that cross a line at one place make one corner.
-        # Corners already on the line, within the tolerance measured along it.
+        # Two planes that cross a line at one place, within the tolerance along it, make one corner.
         near = [other for other, at in self.places[line].items() if abs(at - place) * length <= self.tolerance]
         if near:
             made = near[0]

@@ -48,6 +48,7 @@ class LogarithmicWarp(Warp):
     def forward(self, plane: PlanePoints) -> PlanePoints:
         """Logarithm along the axis (warping, eq. 48)."""
         along, across = components(plane - self.origin, self.axis)
+        # Not below CLOSEST − 1, so that the logarithm exists behind the centre too, where `regular` says no.
         excess = jnp.maximum(along * self.strength, CLOSEST - 1)
         # ln(1 + u/c)/ln(1 + W/c) as ratios ln(1 + x)/x, which stay 1 in the uniform map, where both logarithms are 0.
         t = along / self.extent * _log_ratio(excess) / _log_ratio(self.extent * self.strength)

@@ -56,6 +56,7 @@ class PerspectiveWarp(Warp):
         """Project the plane through the centre n' below the origin (warping, eq. 20–21)."""
         along, across = components(plane - self.origin, self.axis)
         stretch = jnp.maximum(1 + along * self.strength, CLOSEST)
+        # 1 + u/n' is (n' + u)/n': with 1/n' in place of n' the uniform map is strength 0, without ∞/∞.
         t = along * (1 + self.extent * self.strength) / (self.extent * stretch)
         s = (across / stretch - self.sides[0]) / (self.sides[1] - self.sides[0])
         return jnp.stack([s, t], axis=-1)

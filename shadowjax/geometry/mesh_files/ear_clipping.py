@@ -36,6 +36,7 @@ class EarClipper:
             ValueError: If the search takes more than `MAX_STEPS`.
         """
         num_polygons, num_corners = points.shape[:2]
+        # Fans for all at once; only polygons that are not convex are looked at one by one.
         second = np.arange(1, num_corners - 1)
         fan = np.stack([np.zeros_like(second), second, second + 1], axis=-1)
         triangles = np.broadcast_to(fan, (num_polygons, *fan.shape)).copy()

@@ -116,6 +116,7 @@ def _filtered_bases(inputs: Inputs) -> float:
     weight = 2 * damping_weights(terms, damping) / c
     pairs = list(zip(*occluders(inputs), strict=True))
     sines, cosines = (sum(w * wave(c * z) for w, z in pairs) for wave in (np.sin, np.cos))
+    # sin c(z − d) = sin cz cos cd − cos cz sin cd parts what is filtered from what the receiver brings.
     return 0.5 + math.fsum(weight * (np.cos(c * d) * sines - np.sin(c * d) * cosines))
 
 

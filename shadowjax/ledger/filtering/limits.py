@@ -116,6 +116,7 @@ def _series_integrated(inputs: Inputs) -> float:
     weight = np.exp(-damping * (k / terms) ** 2)
 
     def slope(t: float) -> float:
+        # Σ cos((2k − 1)πt) = sin(2Mπt)/(2 sin πt).
         if damping == 0 and t != 0:
             return math.sin(2 * terms * math.pi * t) / math.sin(math.pi * t)
         return 2 * float(np.sum(weight * np.cos(np.pi * (2 * k - 1) * t)))

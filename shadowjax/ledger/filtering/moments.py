@@ -156,6 +156,7 @@ def _coefficient_quadrature(inputs: Inputs) -> float:
         "box": (lambda x: 1.0, size / 2),
     }[kind]
 
+    # Profiles are even: half the axis is enough, and the factor 2 cancels in the quotient.
     def integral(power: int) -> float:
         return integrate.quad(lambda x: x**power * profile(x), 0, reach, epsabs=0, epsrel=1e-12, limit=200)[0]
 

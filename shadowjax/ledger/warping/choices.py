@@ -89,6 +89,7 @@ def _eta_from_maxima(i: Inputs) -> float:
     if i.number("nprime") <= equal_errors(view):
         return (here - best) / (derived_max(view, near)[1] - best)
     wide = 1e5 * float(view.far)
+    # M_z tends to the uniform map's as M + c/n' + …; the combination of n' and 2n' removes the term c/n'.
     flattest = 2 * derived_max(view, 2 * wide)[1] - derived_max(view, wide)[1]
     return (best - here) / (flattest - best)
 

@@ -133,6 +133,8 @@ def _offaxis(i: Inputs):
 
 def _beam_eq19(i: Inputs):
     view, q, res = frustum(i.merged({"phi_deg": 30})), number(i, "nprime"), i.number("res_lt")
+    # h = n' + u = n'(n' + W)/A with A = n' + W − W·t. Half a texel moves A by δ = W/(2·res), so a texel's width is its
+    # derivative's times 1/(1 − (δ/A)²).
     high = q + view.offset(number(i, "z"))
     return 1 / (1 - (view.extent * high / (2 * res * q * (q + view.extent))) ** 2)
 

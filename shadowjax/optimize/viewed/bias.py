@@ -162,6 +162,7 @@ def bias(
 
 def _largest(views: tuple[Viewed, ...], filter_: Filter, unit: str) -> float:
     """Where the search ends: four times what planes need at 45°, in the unit."""
+    # At 45° a plane's depth changes by a texel over a texel; half a texel is a lookup without a filter.
     texels = 4.0 * max(filter_.reach, 0.5)
     if unit != "world":
         return texels

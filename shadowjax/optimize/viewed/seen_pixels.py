@@ -121,6 +121,7 @@ def chart_between(pixels: SeenPixels, near: Float[Array, "*batch"], far: Float[A
 @checked
 def moments(pixels: SeenPixels) -> Float[Array, "4 pixels"]:
     """w·rise^j/z² of every pixel, j = 0 … 3."""
+    # m_x·m_z is (1 + uκ)³/z² but for the map's size, a cubic in κ: four sums hold all pixels.
     base = pixels.weight / pixels.depth**2
     return jnp.stack([base, base * pixels.rise, base * pixels.rise**2, base * pixels.rise**3])
 

@@ -40,6 +40,7 @@ def interleaved(x: Any, y: Any) -> Any:
 @checked
 def deinterleaved(place: Any) -> tuple[Any, Any]:
     """The coordinates of a Z-order number."""
+    # Even bits are x, odd ones y; each step closes half of the gaps, `interleaved` backwards.
     x, y = place & 0x55555555, (place >> 1) & 0x55555555
     for shift, mask in ((1, 0x33333333), (2, 0x0F0F0F0F), (4, 0x00FF00FF), (8, 0x0000FFFF)):
         x, y = (x | (x >> shift)) & mask, (y | (y >> shift)) & mask
@@ -60,6 +61,7 @@ def span_of(keys: Int[np.ndarray, "tiles 3"]) -> tuple[Int[np.ndarray, "tiles"],
     Args:
         keys: Level, x and y of each tile: column and row among the 2^level of its level.
     """
+    # Every finer level adds two bits to a place.
     shift = 2 * (MAX_LEVEL - keys[:, 0])
     start = interleaved(keys[:, 1], keys[:, 2]) << shift
     return start, start + (1 << shift)

@@ -139,6 +139,7 @@ def _test(tree: Links, fitted: Fitted, table: Array, place: Array, state: Array,
     ray, nearest, face = state[0], _number(state[2:-1], table), state[-1]
     x, y, z = [], [], []
     for corner in range(3):
+        # Corners in the ray's own frame, its origin at 0: there the ray is the z axis, as the edge rule wants it.
         offset = [_read(fitted.corners, place, 3 * corner + a) - _read(table, ray, ORIGIN + a) for a in range(3)]
         for coordinate, unit in ((x, ACROSS), (y, UPWARD), (z, DIRECTION)):
             axes = [_read(table, ray, unit + a) for a in range(3)]
@@ -146,9 +147,11 @@ def _test(tree: Links, fitted: Fitted, table: Array, place: Array, state: Array,
     inside, depth = edge_test(tuple(x), tuple(y), tuple(z))
     index = lax.dynamic_slice(tree.order, (place,), (1,)).reshape(())
     if any_hit:
+        # A blocker within rounding of either end of the ray blocks nothing.
         doubt = depth_rounding(tuple(x), tuple(y), tuple(z))
         better = inside & (depth - doubt > _read(table, ray, T_MIN)) & (depth + doubt < _read(table, ray, T_MAX))
     else:
+        # Equal depths go to the lowest face, in whatever order the tree is walked.
         nearer = (depth < nearest) | ((depth == nearest) & (index < face))
         better = inside & (depth >= _read(table, ray, T_MIN)) & nearer
     return jnp.where(better, jnp.concatenate([state[:2], _bits(depth), index.reshape(1)]), state)

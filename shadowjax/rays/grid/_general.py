@@ -124,6 +124,7 @@ def key_rounding(
 
 def _slopes(x: Corners, y: Corners, key: Corners) -> tuple[Array, Array]:
     """Derivative of the key along u and v over a triangle; 0 where it has no area."""
+    # Cramer's rule for the two slopes; a triangle seen edge-on divides by 1 in place of 0, so gradients stay finite.
     determinant = (x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0])
     inverse = jnp.where(determinant == 0, 0.0, 1 / jnp.where(determinant == 0, 1.0, determinant))
     first, second = key[1] - key[0], key[2] - key[0]

@@ -42,6 +42,7 @@ def search_pairs(
         def add_window(j: Array, buffers: Buffers) -> Buffers:
             pair = j * window + jnp.arange(window, dtype=jnp.int32)
             triangle, within = owners(ends, pair)
+            # Tiles of a triangle's box in reading order; past the last pair all go to tile 0 and miss there.
             row = top[triangle] + within // jnp.maximum(across[triangle], 1)
             col = left[triangle] + within % jnp.maximum(across[triangle], 1)
             index = jnp.where(pair < ends[-1], row * tiles.num_cols + col, 0)

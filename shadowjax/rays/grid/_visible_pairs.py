@@ -115,6 +115,7 @@ def _hits(
                 u, v, limit = (x[line] for x in lines)
                 keys, inside = general_test(list(made.numbers[:, triangle[owner], None]), u, v)
                 hit = inside & (keys <= limit) & present[:, None]
+                # Several triangles may share a line: the largest of 0 and 1 is their union, in any order.
                 return hits.at[line].max(hit.astype(jnp.int32))
 
             return lax.fori_loop(jnp.int32(0), -(-lines_end[-1] // WINDOW), add_pairs, hits)
