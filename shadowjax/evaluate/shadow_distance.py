@@ -164,6 +164,7 @@ def texel_advice(
         far = far if partition.distance is None else min(far, float(partition.distance))
         nearest = float(camera.to_view(point)[2]) + size
         if nearest < far:
+            # The object must stay in the shadow: no distance that ends before its far side is tried.
             tried = np.geomspace(nearest, far, TRIED)
             lengths = _lengths_at(partition, mesh, light, camera, resolution, point, jnp.asarray(tried, point.dtype))
             enough = tried[size / np.asarray(lengths) >= wanted]

@@ -72,6 +72,7 @@ def box_sum(
     """
     (left, top), (right, bottom) = lower, upper
     corners = [[_entry(table, col, row) for col in (left, right)] for row in (top, bottom)]
+    # Nearly equal large sums are subtracted first; the low parts bring back the digits that they lose.
     difference = _subtract(_subtract(corners[1][1], corners[1][0]), _subtract(corners[0][1], corners[0][0]))
     return difference[0] + difference[1]
 

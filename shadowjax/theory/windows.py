@@ -89,6 +89,7 @@ def enumerated_histogram(num_taps: int, policy: str, include_centre: bool = True
                 total += (windows & np.uint32(own)) != 0
                 for extreme in extremes:
                     full = np.uint32(block if include_centre else block & ~own)
+                    # A window of bits: its maximum is lit where any bit is, its minimum where all are.
                     total += near != 0 if extreme == "max" else near == full
         histogram += np.bincount(total, minlength=histogram.size)
     return histogram

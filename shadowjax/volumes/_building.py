@@ -113,6 +113,7 @@ class _Pool:
         parts: tuple[list[int], list[int]] = ([], [])
         added, sources = [], []
         for piece, distance in zip(group, distances.tolist(), strict=True):
+            # Rows of corners are padded to one length: only as many distances count as the ring has corners.
             ring = self.rings[piece]
             for part, made in zip(parts, self.cutter.split(ring, plane, distance[: len(ring[0])]), strict=True):
                 if len(made[0]) >= 3:

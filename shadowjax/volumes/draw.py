@@ -111,6 +111,7 @@ def _walk(
         added = line(total, index) + jnp.where(wrong, 0, weight)
         total = lax.dynamic_update_slice(total, added, (index, jnp.uint32(0)), allow_negative_indices=False)
         rows, cols = number(work, 0, w), number(work, 1, w)
+        # On to the next tile of the row, the next row of the region's tiles, or the first tile of the next region.
         ends = col >= (cols & HALF)
         done = ends & (row >= (rows & HALF))
         w = w + done.astype(jnp.uint32)

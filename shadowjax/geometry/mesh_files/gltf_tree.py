@@ -130,6 +130,7 @@ class Tree:
             require(not changed or int(rows.max()) < count, f"accessors[{index}] changes elements beyond its {count}")
             found[rows] = self._rows(by["bufferView"], whole(by, "byteOffset", 0), changed, width, dtype)
         if accessor.get("normalized") and dtype.kind in "iu":
+            # Signed integers have one value below −max, which glTF counts as −1 too.
             return np.maximum(found.astype(np.float32) / np.float32(np.iinfo(dtype).max), np.float32(-1))
         return found
 
@@ -217,6 +218,7 @@ def unpack_tree(data: bytes, place: Place) -> Tree:
 def _chunks(data: bytes) -> tuple[bytes, bytes | None]:
     """JSON and binary chunk of a .glb file."""
     require(len(data) >= 20, "it is cut off: a .glb file begins with 20 bytes of sizes")
+    # After four bytes of magic: version, length of the file, then length and kind of the first chunk.
     version, length, first, kind = np.frombuffer(data[4:20], "<u4").tolist()
     require(version == 2, f"only glTF 2 is read; the file says version {version}")
     require(length <= len(data), f"it declares {length:,} bytes and holds {len(data):,}: cut off")

@@ -234,6 +234,7 @@ def splits_for_view(pixels: SeenPixels, num_partitions: int, num_bins: int = 64)
     view = pixels.frustum
     dtype = view.near.dtype
     span = jnp.log(view.far / view.near)
+    # Candidate planes n·(f/n)^(i/bins); the last is set, since a rounded power would miss f.
     edges = view.near * jnp.exp(span * jnp.arange(bins + 1, dtype=dtype) / bins)
     edges = edges.at[-1].set(view.far)
     index = jnp.clip((jnp.log(pixels.depth / view.near) / span * bins).astype(jnp.int32), 0, bins - 1)
@@ -246,11 +247,13 @@ def splits_for_view(pixels: SeenPixels, num_partitions: int, num_bins: int = 64)
     table = jnp.full((bins + 1, bins + 1), jnp.inf, dtype).at[first, last].set(costs)
     count = jnp.sum(pixels.weight)
     chain, total = _best_chain(table, k)
+    # The same with every second plane: how much that loses says what a finer grid could still gain.
     _, coarse = _best_chain(table[::2, ::2], k)
     planes = edges[chain]
     extent = chart_between(pixels, planes[:-1], planes[1:]).extent
     bend = jnp.zeros((bins + 1, bins + 1), dtype).at[first, last].set(bends)[chain[:-1], chain[1:]]
     distances = _distance(bend, extent)
+    # The rivals: slices of equal ratios (eq. 50), in each the n' of eq. 42 and 44, or none.
     equal = view.near * jnp.exp(span * jnp.arange(k + 1, dtype=dtype) / k)
     equal = equal.at[-1].set(view.far)
     one = jnp.ones(k, dtype)

@@ -92,14 +92,18 @@ def rounding_bound(
     one = exact(jnp.ones_like(near_distance))
     zero, strength, length = exact(jnp.zeros_like(near_distance)), one / exact(near_distance), far - near
     sine, tilt = gamma.sin(), tan_y * gamma.cos()
+    # `low_slope`, `low_near`, `low_far` and `extent`.
     edge = (gamma - phi).sin() / phi.cos()
     low_near, low_far = length * larger(zero - edge, zero), length * larger(edge, zero)
     extent = low_far + (far + far) * tilt
     shift = near * tilt
+    # `worst_line`: E at the near plane and its slope g along depth.
     first, slope = low_near + shift, sine
     if section == "whole":
         first, slope = first + shift, slope + tilt
     stretches = one + first * strength, one + (first + slope * length) * strength
+    # M_x: half the map's width, on its lowest line, times the largest (1 + uκ)/z. M_z: W/(1 + Wκ) times the largest
+    # (1 + uκ)²/z over 2·tan φ_y. Both are largest at an end of the worst line.
     wide = larger(near / (one + low_near * strength), far / (one + low_far * strength))
     error_x = wide * larger(stretches[0] / near, stretches[1] / far)
     squares = stretches[0] * stretches[0] / near, stretches[1] * stretches[1] / far
