@@ -194,7 +194,8 @@ def depth_change(
     largest = limit * jnp.abs(reach) * texel_size(grid, points)
     change = reach * depth_slope(grid, points, normals, limit)
     # What rounding makes of the difference of two places; where nothing bends, the derivative's answer stands.
-    rounding = 2 * jnp.finfo(points.dtype).eps * grid.far
+    farthest = grid.far if grid.space.is_parallel else jnp.minimum(depth, grid.far)
+    rounding = 2 * jnp.finfo(points.dtype).eps * farthest
     # To each corner of the reach at the receiver's depth, and from there along the corner's own ray onto the plane.
     for corner in ((-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)):
         moved = grid.point(position + jnp.abs(reach)[..., None] * jnp.asarray(corner, points.dtype), depth)

@@ -194,10 +194,12 @@ class Exponential(Filter):
 
     def prepare_map(self, shadow_map: ShadowMap) -> ExponentialMap:
         """The blurred exponentials of a cast map, whose depths are finite by construction."""
-        return self._prepared(shadow_map.depth, shadow_map.grid.far, shadow_map.border)
+        return self._prepared(shadow_map.depth, shadow_map.grid.far, shadow_map.border, shadow_map.grid.seen)
 
-    def _prepared(self, depth: Float[Array, "rows cols"], far: Array | None, border: str) -> ExponentialMap:
-        depth_range = DepthRange.of(depth, far)
+    def _prepared(
+        self, depth: Float[Array, "rows cols"], far: Array | None, border: str, seen: Array | None = None
+    ) -> ExponentialMap:
+        depth_range = DepthRange.of(depth, far, seen)
         unit = extend(depth_range.to_unit(depth), self.prefilter.radius, border, jnp.ones((), depth.dtype))
         encoded = encode_exponential(unit, self.exponent, self.space)
         if self.space == "log":

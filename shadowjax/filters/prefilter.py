@@ -107,6 +107,10 @@ class Prefilter(Checked):
         return probes.get(self.sampling, 8 * self.max_anisotropy)
 
 
+# Part of a filter's codes that goes to the depths of what a view sees, where those are not all.
+SEEN_SHARE = 0.9
+
+
 @checked
 def unit_depth(depth: Float[Array, "*shape"], near: ScalarLike, far: ScalarLike) -> Float[Array, "*shape"]:
     """Depths as parts of a range, [0, 1] inside it: what filters that average encoded depths store and are asked for.
@@ -124,19 +128,37 @@ def unit_depth(depth: Float[Array, "*shape"], near: ScalarLike, far: ScalarLike)
 class DepthRange(Checked):
     """The depths that a filter maps to [0, 1].
 
+    A lamp over a wide ground sees depths a million times those that matter, beside which these would all become 0. So
+    the part up to `seen` gets `SEEN_SHARE` of the codes, evenly; what lies beyond keeps its order in the rest, as
+    1 − (1 − a)² / (1 − a + a (x − 1)) for the share a and the depth x in parts of the seen range, which goes on with
+    the same derivative and stays below 1 but for rounding.
+
     Attributes:
         near: Depth that becomes 0, world units.
-        far: Depth that becomes 1.
+        far: Depth that becomes 1, or comes near to it.
+        seen: Depth up to which codes are even, world units; all of the range if None or not between the others.
     """
 
     near: Float[Array, ""]
     far: Float[Array, ""]
+    seen: Float[Array, ""] | None = None
 
     @classmethod
-    def of(cls, depth: Float[Array, "rows cols"], far: Float[Array, ""] | None = None) -> "DepthRange":
+    def of(
+        cls, depth: Float[Array, "rows cols"], far: Float[Array, ""] | None = None, seen: Float[Array, ""] | None = None
+    ) -> "DepthRange":
         """From the nearest depth of a map to `far`, or to the farthest depth of the map if None."""
-        return cls(jnp.min(depth), jnp.max(depth) if far is None else far)
+        return cls(jnp.min(depth), jnp.max(depth) if far is None else far, seen)
 
     def to_unit(self, depth: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """Depths as parts of the range; below 0 or above 1 outside it. An empty range is taken as one world unit."""
-        return unit_depth(depth, self.near, self.far)
+        if self.seen is None:
+            return unit_depth(depth, self.near, self.far)
+        bends = (self.seen > self.near) & (self.seen < self.far)
+        part = unit_depth(depth, self.near, jnp.where(bends, self.seen, self.far))
+        share = jnp.where(bends, jnp.asarray(SEEN_SHARE, part.dtype), jnp.ones_like(self.far))
+        rest = 1 - share
+        past = jnp.where(bends, jnp.maximum(part - 1, 0), jnp.zeros_like(part))
+        # where nothing bends the divisor must not be 0
+        beyond = 1 - rest * rest / (jnp.where(bends, rest, jnp.ones_like(rest)) + share * past)
+        return jnp.where(bends & (part > 1), beyond, share * part)

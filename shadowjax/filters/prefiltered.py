@@ -82,14 +82,23 @@ class Prefiltered(Filter):
 
     def prepare_map(self, shadow_map: ShadowMap) -> EncodedMap:
         """The averaged values of a cast map, whose depths are finite by construction."""
-        return self._prepared(shadow_map.depth, shadow_map.grid.far, shadow_map.border, shadow_map.outlines)
+        grid = shadow_map.grid
+        return self._prepared(shadow_map.depth, grid.far, shadow_map.border, shadow_map.outlines, grid.seen)
 
     def _prepared(
-        self, depth: Depth, far: Float[Array, ""] | None, border: str, outlines: OutlinePieces | None = None
+        self,
+        depth: Depth,
+        far: Float[Array, ""] | None,
+        border: str,
+        outlines: OutlinePieces | None = None,
+        seen: Float[Array, ""] | None = None,
     ) -> EncodedMap:
         self.check(depth.dtype)
         # The nearest depth of a map jumps as texels change faces; with outlines nothing may jump.
-        depth_range = DepthRange.of(depth, far) if outlines is None or far is None else DepthRange(0 * far, far)
+        if outlines is None or far is None:
+            depth_range = DepthRange.of(depth, far, seen)
+        else:
+            depth_range = DepthRange(0 * far, far, seen)
         radius = self.prefilter.radius
         codes = self.encode(extend(depth_range.to_unit(depth), radius, border, jnp.ones((), depth.dtype)))
         if outlines is not None:

@@ -18,6 +18,7 @@ from shadowjax.partitions.single import SingleMap
 from shadowjax.rays.map_part import starting_outside
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
+from shadowjax.warps.receivers import with_seen_depth
 from shadowjax.warps.uniform import UniformWarp
 
 NAMES = ("+x", "-x", "+y", "-y", "+z", "-z")
@@ -70,7 +71,9 @@ class CubeMap(Partition):
         # A face spans [−1, 1]² in tangents; the margin widens it by whole texels of the same size.
         corner = jnp.full(2, resolution / inner, mesh.vertices.dtype)
         return tuple(
-            starting_outside(space, UniformWarp(Box(-corner, corner)), mesh, resolution)
+            with_seen_depth(
+                starting_outside(space, UniformWarp(Box(-corner, corner)), mesh, resolution), light, mesh, camera
+            )
             for space in (PerspectiveSpace(position, frame) for frame in face_frames(position.dtype))
         )
 

@@ -20,6 +20,7 @@ from shadowjax.rays.map_part import grid_around, seen_space, starting_outside
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.warps.base import WarpFit, bounding_box
+from shadowjax.warps.receivers import with_seen_depth
 from shadowjax.warps.uniform import UniformFit
 
 
@@ -35,7 +36,8 @@ class SingleMap(Partition):
     def grids(self, mesh: Mesh, light: Light, camera: Camera, resolution: int) -> tuple[RayGrid, ...]:
         """One grid around everything."""
         space = seen_space(light, mesh, camera)
-        return (starting_outside(space, self.warp.fit(space, light, mesh, camera), mesh, resolution),)
+        grid = starting_outside(space, self.warp.fit(space, light, mesh, camera), mesh, resolution)
+        return (with_seen_depth(grid, light, mesh, camera),)
 
     @property
     def follows_camera(self) -> bool:

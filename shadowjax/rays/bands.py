@@ -42,7 +42,7 @@ def row_band(grid: RayGrid, first_row: int, num_rows: int) -> RayGrid:
 def band_from(grid: RayGrid, first_row: Int[Array, ""], num_rows: int) -> RayGrid:
     """As `row_band`, from a row that only the running program knows; it is not checked."""
     band = RowBand(grid.plane_map, first_row.astype(grid.far.dtype), num_rows, grid.num_rows)
-    return RayGrid(grid.space, band, grid.far, num_rows, grid.num_cols)
+    return RayGrid(grid.space, band, grid.far, num_rows, grid.num_cols, grid.seen)
 
 
 @checked

@@ -32,6 +32,8 @@ class RayGrid(Checked):
         far: Depth that a miss reports, world units, beyond the scene.
         num_rows: Cells along t (rows of the image).
         num_cols: Cells along s (columns).
+        seen: Depth within which all lies that a view sees in this light, world units, at most `far`; None takes `far`.
+            Rounding and codes spend their digits up to here; what lies beyond keeps its order.
     """
 
     space: LightSpace
@@ -39,10 +41,16 @@ class RayGrid(Checked):
     far: Annotated[Scalar, POSITIVE]
     num_rows: int = eqx.field(static=True)
     num_cols: int = eqx.field(static=True)
+    seen: Annotated[Scalar, POSITIVE] | None = None
 
     def __check_init__(self) -> None:
         require_int(self.num_rows, "num_rows", 1)
         require_int(self.num_cols, "num_cols", 1)
+
+    @property
+    def seen_or_far(self) -> Scalar:
+        """`seen`, or `far` where no view is known."""
+        return self.far if self.seen is None else self.seen
 
     @property
     def resolution(self) -> Float[Array, "2"]:

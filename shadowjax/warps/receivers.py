@@ -1,23 +1,28 @@
 """What a view can see of a light's shadows: its frustum cut to the scene and the light's cone, as points of a plane."""
 
+import dataclasses
 import itertools
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from shadowjax._checked import checked
-from shadowjax._numerics import dot, normalize
+from shadowjax._numerics import dot, norm, normalize
 from shadowjax._types import Array, Bool, Float, Points
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
-from shadowjax.geometry.light_space import LightSpace
+from shadowjax.geometry.light_space import LightSpace, OctahedralSpace
 from shadowjax.geometry.mesh import Mesh
+from shadowjax.rays.ray_grid import RayGrid
 
 # Planes that meet in an angle of less have no corner worth a float32: what is lost is as thin.
 LEAST_DETERMINANT = 1e-5
 # A corner counts if it lies this share of the frustum's length outside at most: more than rounding moves it.
 SLACK = 1e-5
+# Steps in which the depth that a view sees is rounded up, for each factor of two.
+STEPS = 8
 
 
 @checked
@@ -101,6 +106,30 @@ class Outline(NamedTuple):
 
 
 @checked
+def with_seen_depth(grid: RayGrid, light: Light, mesh: Mesh, camera: Camera) -> RayGrid:
+    """The grid of a lamp's map that knows within which depth the view sees; any other grid as it is.
+
+    Rays of a lamp may run to the horizon although the view sees a room. The depth is the grid's `far` divided by a
+    power of 2^(1/8), so that it holds still while the camera moves but for jumps of 9 %, and has no derivative by it.
+
+    Args:
+        grid: The light rays of a map.
+        light: The light they belong to.
+        mesh: Everything that casts or receives.
+        camera: The view.
+    """
+    if grid.space.is_parallel:
+        return grid
+    # Of a lamp without a cone, all receivers count for each of its maps, which cut them.
+    space = OctahedralSpace(grid.space.source) if light.cone is None else grid.space
+    corners, valid = receiver_corners(space, light, mesh, camera)
+    reach = jnp.max(jnp.where(valid, norm(corners - grid.space.source), 0.0))
+    ratio = jax.lax.stop_gradient(jnp.where(reach > 0, grid.far / jnp.where(reach > 0, reach, 1.0), 1.0))
+    octaves = jnp.floor(STEPS * jnp.log2(jnp.maximum(ratio, 1.0))) / STEPS
+    return dataclasses.replace(grid, seen=grid.far * jnp.exp2(-octaves))
+
+
+@checked
 def receiver_outline(space: LightSpace, light: Light, mesh: Mesh, camera: Camera) -> Outline:
     """What a map for a view has to hold.
 
@@ -132,4 +161,4 @@ def _without_receivers(space: LightSpace, light: Light, camera: Camera) -> Float
     return jnp.where(jnp.all(space.in_front(frustum)) & has_area, cut, cone)
 
 
-__all__ = ["Outline", "receiver_corners", "receiver_outline"]
+__all__ = ["Outline", "receiver_corners", "receiver_outline", "with_seen_depth"]

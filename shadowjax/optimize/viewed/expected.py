@@ -145,7 +145,7 @@ class ExpectedError(Checked):
         """The map's light rays for a bend."""
         space = self.fine.grid.space
         warp = PerspectiveFit(bend=bend).fit(space, self.light, self.mesh, self.camera)
-        return RayGrid(space, warp, self.fine.grid.far, self.resolution, self.resolution)
+        return RayGrid(space, warp, self.fine.grid.far, self.resolution, self.resolution, self.fine.grid.seen)
 
     def visibility(self, settings: Settings) -> Float[Array, "points placements"]:
         """What the filter answers for every receiver and place inside a texel."""

@@ -11,7 +11,7 @@ from shadowjax.geometry.light_space import LightSpace
 from shadowjax.rays.plane_map import affine_box, region_corners, region_sides
 from shadowjax.rays.ray_grid import RayGrid
 
-# Nearest w that a perspective view divides by, in units of the far limit.
+# Nearest w that a perspective view divides by, in units of the depth up to which a view sees.
 NEAREST = 1e-6
 
 # Rows of a vertex's bounds: first and last column, first and last row that a triangle with this corner may touch.
@@ -151,7 +151,7 @@ def view(grid: RayGrid) -> View:
     away = jnp.max(jnp.abs(corners), axis=0) / jnp.where(extent > 0, extent, 1.0)
     margin = jnp.finfo(dtype).eps * grid.resolution * (16 + 16 * away)
     parallel = grid.space.is_parallel
-    nearest = jnp.ones((), dtype) if parallel else NEAREST * grid.far + jnp.finfo(dtype).tiny
+    nearest = jnp.ones((), dtype) if parallel else NEAREST * grid.seen_or_far + jnp.finfo(dtype).tiny
     least = jnp.zeros((), dtype) if parallel else nearest
     return lax.stop_gradient(View(u, v, start, sides, corners, nearest, least, margin))
 
