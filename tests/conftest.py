@@ -5,6 +5,8 @@ import os
 from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "agg")
+# For small programs that run once or twice most optimisations take longer than the runs: see `effort_of_the_compiler`.
+os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 
 import jax
 import jax.numpy as jnp
@@ -61,6 +63,19 @@ def forgotten_programs():
     if num_maps() > MOST_MAPS:
         jax.clear_caches()
         gc.collect()
+
+
+# Tests of these directories, and files marked `optimised`, hold claims about single roundings or run long loops.
+OPTIMISED = ("benchmarks", "oracle", "rays")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def effort_of_the_compiler(request):
+    """Compile without most optimisations, except where a test needs them."""
+    quick = request.path.parent.name not in OPTIMISED and request.node.get_closest_marker("optimised") is None
+    if jax.config.read("jax_disable_most_optimizations") != quick:
+        jax.clear_caches()
+        jax.config.update("jax_disable_most_optimizations", quick)
 
 
 @pytest.fixture(params=[jnp.float32, jnp.float64], ids=["float32", "float64"])
