@@ -230,11 +230,9 @@ def bias_search(chosen: options.BiasSearch) -> int:
     """Search the bias of a technique's filter."""
     from shadowjax.optimize.viewed.bias import bias
     from shadowjax.presets.names import make_technique
-    from shadowjax.techniques.shadow_mapping import ShadowMapping
 
     technique = make_technique(chosen.technique, chosen.search.resolution)
-    if not isinstance(technique, ShadowMapping):  # complain before the work, not after it
-        raise ValueError(f"{chosen.technique} reads no map, so it has no bias; choose another technique")
+    technique.as_shadow_mapping("a search of the bias needs")  # complain before the work, not after it
     with Steps("optimize bias") as steps:
         views = _views(chosen.search, chosen.search.scenes, steps)
         steps(f"biases of {chosen.technique} in {chosen.unit} units")

@@ -28,8 +28,6 @@ from shadowjax.scenes.loading import Source, as_scene
 from shadowjax.shading import Surface, downsample, trace_surface, valid_receivers, visibility_on
 from shadowjax.techniques.base import Shadows, Technique
 from shadowjax.techniques.exact import Exact
-from shadowjax.techniques.shadow_mapping import MappedShadows
-from shadowjax.theory.memory import planes_in_formats
 from shadowjax.theory.tones import count_tones
 
 Progress = Callable[[str], None]
@@ -267,7 +265,7 @@ def record(
         bleed=_mean_where(np.asarray(test), far & (np.asarray(truth) <= 0)),
         acne=_mean_where(1 - np.asarray(test), far & (np.asarray(truth) >= 1)),
         flip=metrics.flip(jnp.where(mask, test, 1), jnp.where(mask, truth, 1)),
-        texture_bytes=_texture_bytes(shadows),
+        texture_bytes=shadows.texture_bytes,
         volume_bytes=shadows.volume_bytes(view.exact.size),
         slope_limit=_slope_limit(shadows, view),
     )
@@ -290,15 +288,3 @@ def _away_from_edges(truth: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 def _mean_where(values: np.ndarray, where: np.ndarray) -> float:
     return float(values[where].mean()) if where.any() else 0.0
-
-
-def _texture_bytes(shadows: Shadows) -> int:
-    """Planes of every map in textures of their own bits, without mip chains."""
-    if not isinstance(shadows, MappedShadows):
-        return shadows.map_bytes
-    total = 0
-    for shadow_map in shadows.maps:
-        bits = 32 if shadow_map.depth.dtype.itemsize > 2 else 16
-        textures = planes_in_formats(shadows.filter.num_planes, bits)
-        total += sum(texture.num_bytes(shadow_map.depth.shape[0]) for texture in textures)
-    return total

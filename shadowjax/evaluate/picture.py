@@ -51,7 +51,7 @@ def render(
     announce("camera rays")
     groups = smooth_corner_groups(scene.mesh)
     surface = trace_surface(scene.mesh, scene.camera, width, height, caster, groups, samples_per_axis)
-    announce(f"shadows by {technique if isinstance(technique, str) else type(made).__name__}")
+    announce(f"shadows by {technique if isinstance(technique, str) else made.parts}")
     visibilities = tuple(visibility_on(surface, made.build(scene.mesh, one, scene.camera)) for one in scene.lights)
     return shade(surface, scene.lights, visibilities, material, samples_per_axis)
 

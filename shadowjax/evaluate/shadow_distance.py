@@ -11,7 +11,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from shadowjax._checked import checked
-from shadowjax._checks import require, require_int
+from shadowjax._checks import require_int
 from shadowjax._numerics import norm
 from shadowjax._types import Array, ArrayLike, Float, Points, Scalar
 from shadowjax.evaluate.shimmer import in_view
@@ -22,7 +22,7 @@ from shadowjax.partitions.base import Partition
 from shadowjax.partitions.by_light import ByLight
 from shadowjax.partitions.cascades import Cascades
 from shadowjax.partitions.single import SingleMap
-from shadowjax.techniques.shadow_mapping import ShadowMapping
+from shadowjax.techniques.base import Technique
 from shadowjax.warps.stable import StableFit, bounding_sphere
 
 # An object of fewer texels than this across has a shadow of a few stairs.
@@ -128,7 +128,7 @@ def texel_lengths(
 
 @checked
 def texel_advice(
-    technique: ShadowMapping, mesh: Mesh, light: Light, camera: Camera, wanted: int = WANTED
+    technique: Technique, mesh: Mesh, light: Light, camera: Camera, wanted: int = WANTED
 ) -> TexelAdvice | None:
     """What to do where texels are too long for the objects in view; None where they are short enough.
 
@@ -142,7 +142,7 @@ def texel_advice(
         camera: The view.
         wanted: Texels across an object that are enough.
     """
-    require(isinstance(technique, ShadowMapping), f"texels belong to shadow maps; got {type(technique).__name__}")
+    technique = technique.as_shadow_mapping("advice about texels needs")
     middles, sizes = objects(mesh)
     seen = np.flatnonzero(np.asarray(in_view(camera, jnp.asarray(middles, camera.near.dtype))))
     if len(seen) == 0:

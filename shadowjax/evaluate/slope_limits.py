@@ -12,9 +12,7 @@ from shadowjax._checked import checked
 from shadowjax._numerics import dot
 from shadowjax._types import Array, Bool, Float, Int, Points
 from shadowjax.bias.rule import Bias, depth_slope, texel_size
-from shadowjax.techniques.adaptive import AdaptiveShadows
 from shadowjax.techniques.base import Shadows
-from shadowjax.techniques.shadow_mapping import MappedShadows
 
 # Cosine of incidence: a face that receives less than one of 256 levels of the light shows neither acne nor its lack.
 LEAST_LIGHT = 1 / 256
@@ -72,9 +70,7 @@ def slope_limit(
         lit: Whether each is lit in the reference.
         counted: Which ones the shares are of, such as those that face the light.
     """
-    if not isinstance(shadows, MappedShadows | AdaptiveShadows):
-        return None
-    bias = shadows.bias
+    bias = shadows.depth_bias
     if not isinstance(bias, Bias) or bias.unit != "slope" or float(bias.value) <= 0:
         return None
     ratio, cosine = (np.asarray(x, float) for x in _ratio_and_cosine(shadows, points, normals))
@@ -100,13 +96,9 @@ def slope_limit(
 
 
 @eqx.filter_jit
-def _ratio_and_cosine(shadows: MappedShadows | AdaptiveShadows, points: Points, normals: Points) -> tuple[Array, Array]:
+def _ratio_and_cosine(shadows: Shadows, points: Points, normals: Points) -> tuple[Array, Array]:
     """Depth change of each receiver's plane over a texel, in texels, and the cosine of incidence."""
-    if isinstance(shadows, AdaptiveShadows):
-        grids, region = (shadows.map.grid,), jnp.zeros(points.shape[:-1], jnp.int32)
-    else:
-        grids = shadows.grids
-        region = shadows.partition.select(grids, shadows.camera, points)
+    grids, region = shadows.maps_of(points)
     # Slopes without a limit: how large a limit would have to be is what is asked for.
     ratios = [depth_slope(grid, points, normals, math.inf) / texel_size(grid, points) for grid in grids]
     ratio = jnp.take_along_axis(jnp.stack(ratios), jnp.clip(region, 0)[None], axis=0)[0]

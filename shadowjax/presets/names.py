@@ -7,10 +7,8 @@ from shadowjax._checked import checked
 from shadowjax._checks import require
 from shadowjax.presets.registry import PRESETS, make_preset
 from shadowjax.rays.caster import Caster
-from shadowjax.techniques.adaptive import AdaptiveShadowMapping
 from shadowjax.techniques.base import Technique
 from shadowjax.techniques.names import compose
-from shadowjax.techniques.shadow_mapping import ShadowMapping
 
 PREFIX = "preset:"
 
@@ -73,7 +71,7 @@ def as_techniques(techniques: Techniques, resolution: int = 512, caster: Caster 
         pairs = list(techniques.items())
     else:
         given = [techniques] if one else list(techniques)
-        names = [name if isinstance(name, str) else _called(name) for name in given]
+        names = [name if isinstance(name, str) else name.parts for name in given]
         pairs = list(zip(_numbered(names, given), given, strict=True))
     require(len(pairs) > 0, "give at least one technique; got none")
     listed = [name for name, _ in pairs]
@@ -111,23 +109,7 @@ def costs(technique: str | Technique) -> Costs:
         ValueError: As `make_technique`.
     """
     made = as_technique(technique)
-    if isinstance(made, ShadowMapping):
-        planes, fetches, maps = made.filter.num_planes, made.filter.num_fetches, made.partition.num_maps
-    elif isinstance(made, AdaptiveShadowMapping):
-        planes, fetches, maps = 1, 1, None
-    else:
-        planes, fetches, maps = 0, 0, 0
-    return Costs(planes, fetches, maps, made.num_tones, _called(made))
-
-
-def _called(technique: Technique) -> str:
-    """A technique after its parts."""
-    if not isinstance(technique, ShadowMapping):
-        return type(technique).__name__
-    partition, filter_ = technique.partition, technique.filter
-    warp = getattr(partition, "warp", None)
-    names = [type(partition).__name__, *([] if warp is None else [type(warp).__name__]), type(filter_).__name__]
-    return "+".join(names)
+    return Costs(made.num_planes, made.num_fetches, made.num_maps, made.num_tones, made.parts)
 
 
 def _numbered(names: list[str], given: list[str | Technique]) -> list[str]:

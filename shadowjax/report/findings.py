@@ -33,7 +33,7 @@ from shadowjax.scenes.base import Scene
 from shadowjax.shading import shade, visibility_on
 from shadowjax.techniques.base import Technique
 from shadowjax.techniques.exact import Exact
-from shadowjax.techniques.shadow_mapping import MappedShadows, ShadowMapping
+from shadowjax.techniques.shadow_mapping import ShadowMapping
 from shadowjax.theory import cost, tones
 
 Pixels = Float[np.ndarray, "height width 3"]
@@ -180,8 +180,11 @@ def collect(
     def run(resolution: int, names: Iterable[str]) -> tuple[Comparison, list[Choice]]:
         """Some of the techniques at a resolution; objects, which have their own, as much finer or coarser."""
         sized = as_techniques(settings.techniques, resolution, caster)
-        made = {name: _resized(sized[name], techniques[name], resolution / settings.resolution) for name in names}
-        sizes = [one.resolution if isinstance(one, ShadowMapping) else resolution for one in made.values()]
+        factor = resolution / settings.resolution
+        made = {
+            name: techniques[name].resized(factor) if sized[name] is techniques[name] else sized[name] for name in names
+        }
+        sizes = [one.map_resolution or resolution for one in made.values()]
 
         def step(name: str) -> None:
             announce(f"{name} at {resolution}²")
@@ -201,12 +204,11 @@ def collect(
     exact_picture = _picture(scene, view, view.exact, caster)
     pictures = tuple(_picture(scene, view, visibility, caster) for visibility in comparison.visibilities)
     receivers = int(jnp.sum(view.valid))
-    mapped = [
-        (name, technique)
-        for name, technique in techniques.items()
-        if isinstance(technique, ShadowMapping) and technique.filter.compares
-    ]
-    costs = tuple(_cost(name, technique, receivers) for name, technique in mapped)
+    costs = tuple(
+        _cost(name, one.map_filter, one.map_resolution or settings.resolution, receivers)
+        for name, one in techniques.items()
+        if one.map_filter is not None and one.map_filter.compares
+    )
     announce("tones predicted along straight edges")
     tone_rows = tuple(
         _tones(name, technique, record)
@@ -237,18 +239,11 @@ def collect(
     )
 
 
-def _resized(sized: Technique, given: Technique, factor: float) -> Technique:
-    """A technique with maps `factor` times finer; an object keeps its own resolution unless it is changed here."""
-    if sized is given and isinstance(given, ShadowMapping):
-        return dataclasses.replace(given, resolution=max(1, round(factor * given.resolution)))
-    return sized
-
-
 def _with_texels(advice: Advice | None, scene: Scene, techniques: Iterable[tuple[str, Technique]]) -> Advice | None:
     """The advice with a sentence for every technique with slices whose texels are too long for the objects in view."""
     told = []
     for name, technique in techniques:
-        if isinstance(technique, ShadowMapping) and isinstance(technique.partition, Cascades | ByLight):
+        if isinstance(technique.map_partition, Cascades | ByLight):
             found = texel_advice(technique, scene.mesh, scene.lights[0], scene.camera)
             told += [] if found is None else [f"{name}: {found}."]
     return None if advice is None else dataclasses.replace(advice, reasons=(*advice.reasons, *told))
@@ -277,10 +272,9 @@ def _picture(scene: Scene, view: View, visibility: Any, caster: Caster) -> Pixel
 def _light_map(scene: Scene, comparison: Comparison, resolution: int, caster: Caster) -> ShadowMap:
     """The first map that a technique built, or a plain one."""
     for shadows in comparison.shadows:
-        if isinstance(shadows, MappedShadows):
-            return shadows.maps[0]
+        if shadows.cast_maps:
+            return shadows.cast_maps[0]
     built = ShadowMapping(Hard(), resolution, caster=caster).build(scene.mesh, scene.lights[0], scene.camera)
-    assert isinstance(built, MappedShadows)
     return built.maps[0]
 
 
@@ -298,15 +292,14 @@ def window_filter(filter_: Filter) -> tuple[int, str] | None:
 
 
 def _tones(name: str, technique: Technique, record: Record) -> ToneRow:
-    known = window_filter(technique.filter) if isinstance(technique, ShadowMapping) else None
+    known = None if technique.map_filter is None else window_filter(technique.map_filter)
     straight = None if known is None else len(tones.straight_edge_tones(*known))
     along_axis = None if known is None else len(tones.axis_step_tones(*known))
     return ToneRow(name, record.tones_bound, straight, along_axis, record.tones)
 
 
-def _cost(name: str, technique: ShadowMapping, receivers: int) -> CostRow:
+def _cost(name: str, chosen: Filter, size: int, receivers: int) -> CostRow:
     """Fetches of a technique, the depths that its policy reads counted on a real map."""
-    chosen, size = technique.filter, technique.resolution
     taps = chosen.num_fetches // chosen.num_planes
     per_texel = _counted_reads(chosen.policy) if isinstance(chosen, MultiDepth) and chosen.num_planes > 1 else 0
     build = cost.build_fetches(size, size, per_texel) if per_texel else 0

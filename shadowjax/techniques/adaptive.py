@@ -109,6 +109,21 @@ class AdaptiveShadowMapping(Technique):
         """Lit or not."""
         return 2
 
+    @property
+    def num_planes(self) -> int:
+        """A depth, and the surface it belongs to where ids are tested."""
+        return 1 if self.test == "depth" else 2
+
+    @property
+    def num_fetches(self) -> int:
+        """As many as planes."""
+        return self.num_planes
+
+    @property
+    def num_maps(self) -> None:
+        """As many tiles as the view asks for."""
+        return
+
     def start(self, mesh: Mesh, light: Light, camera: Camera) -> "AdaptiveShadows":
         """The coarsest level alone.
 
@@ -237,6 +252,15 @@ class AdaptiveShadows(Shadows):
             lit = same if self.technique.test == "id" else same | lit
         facing = faces_light(normals, self.map.grid.space.to_source(points))
         return (lit & facing).astype(points.dtype)
+
+    @property
+    def depth_bias(self) -> Bias:
+        """Its bias."""
+        return self.bias
+
+    def maps_of(self, points: Points) -> tuple[tuple[RayGrid, ...], Int[Array, "*points"]]:
+        """The map of level 0, which is all of them at their coarsest."""
+        return (self.map.grid,), jnp.zeros(points.shape[:-1], jnp.int32)
 
     @property
     def map_bytes(self) -> int:

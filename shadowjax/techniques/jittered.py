@@ -1,5 +1,6 @@
 """Soft shadows: a technique accumulated over several places of its light."""
 
+import dataclasses
 from typing import Annotated
 
 import equinox as eqx
@@ -17,6 +18,7 @@ from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, as_float_a
 from shadowjax.geometry.camera import Camera
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.mesh import Mesh
+from shadowjax.maps.shadow_map import ShadowMap
 from shadowjax.techniques.base import Shadows, Technique
 from shadowjax.volumes.jitter import jittered
 
@@ -60,6 +62,37 @@ class JitteredLights(Technique):
         each = self.technique.num_tones
         return None if each is None else self.num_lights * (each - 1) + 1
 
+    @property
+    def num_planes(self) -> int | None:
+        """The technique's: one place after the other."""
+        return self.technique.num_planes
+
+    @property
+    def num_fetches(self) -> int | None:
+        """The technique's, for every place."""
+        each = self.technique.num_fetches
+        return None if each is None else self.num_lights * each
+
+    @property
+    def num_maps(self) -> int | None:
+        """The technique's, for every place."""
+        each = self.technique.num_maps
+        return None if each is None else self.num_lights * each
+
+    @property
+    def map_resolution(self) -> int | None:
+        """The technique's."""
+        return self.technique.map_resolution
+
+    def resized(self, factor: float) -> "JitteredLights":
+        """With the technique resized."""
+        return dataclasses.replace(self, technique=self.technique.resized(factor))
+
+    @property
+    def parts(self) -> str:
+        """Its own name and the technique's parts."""
+        return f"{type(self).__name__}+{self.technique.parts}"
+
 
 class AccumulatedShadows(Shadows):
     """The mean of several shadows.
@@ -86,6 +119,16 @@ class AccumulatedShadows(Shadows):
     def map_bytes(self) -> int:
         """Bytes for one place after the other: the most that any needs."""
         return max(one.map_bytes for one in self.shadows)
+
+    @property
+    def texture_bytes(self) -> int:
+        """As `map_bytes`."""
+        return max(one.texture_bytes for one in self.shadows)
+
+    @property
+    def cast_maps(self) -> tuple[ShadowMap, ...]:
+        """Those of every place."""
+        return tuple(shadow_map for one in self.shadows for shadow_map in one.cast_maps)
 
     def volume_bytes(self, num_samples: int) -> int:
         """As `map_bytes`: every place clears the buffer."""

@@ -173,8 +173,7 @@ def _costs(registry: Registry[Any], name: str) -> tuple[int | None, int | None, 
         return None, None, PARTITIONS[name]().num_maps
     if registry is FILTERS or registry is POLICIES:
         technique = compose(name)
-        assert isinstance(technique, ShadowMapping)
-        return technique.filter.num_planes, technique.filter.num_fetches, None
+        return technique.num_planes, technique.num_fetches, None
     return None, None, None
 
 

@@ -1,5 +1,6 @@
 """Shadow maps: partition × warp × filter × caster."""
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -8,7 +9,7 @@ import jax.numpy as jnp
 
 from shadowjax._checks import concrete, require, require_choice, require_int
 from shadowjax._numerics import faces_light
-from shadowjax._types import Array, Float, Points
+from shadowjax._types import Array, Float, Int, Points
 from shadowjax.bias.kinds import BiasSum, ReceiverPlane
 from shadowjax.bias.rule import Bias, BiasRule, plane_gradient, texel_size
 from shadowjax.filters.base import Filter, Lookup
@@ -26,6 +27,7 @@ from shadowjax.rays.layers import LAYERS
 from shadowjax.rays.precision import warn_of_coarse_texels
 from shadowjax.rays.ray_grid import RayGrid, pixel_footprint
 from shadowjax.techniques.base import Shadows, Technique
+from shadowjax.theory.memory import planes_in_formats
 
 
 class ShadowMapping(Technique):
@@ -85,6 +87,52 @@ class ShadowMapping(Technique):
     def num_tones(self) -> int | None:
         """The filter's bound."""
         return self.filter.num_tones
+
+    @property
+    def num_planes(self) -> int:
+        """The filter's."""
+        return self.filter.num_planes
+
+    @property
+    def num_fetches(self) -> int:
+        """The filter's, as if one map answered."""
+        return self.filter.num_fetches
+
+    @property
+    def num_maps(self) -> int:
+        """The partition's."""
+        return self.partition.num_maps
+
+    @property
+    def map_filter(self) -> Filter:
+        """Its filter."""
+        return self.filter
+
+    @property
+    def map_partition(self) -> Partition:
+        """Its partition."""
+        return self.partition
+
+    @property
+    def map_resolution(self) -> int:
+        """Its resolution."""
+        return self.resolution
+
+    def resized(self, factor: float) -> "ShadowMapping":
+        """With so many times the resolution, rounded, at least 1."""
+        return dataclasses.replace(self, resolution=max(1, round(factor * self.resolution)))
+
+    @property
+    def parts(self) -> str:
+        """Partition, its warp if it has one to choose, and filter."""
+        warp = getattr(self.partition, "warp", None)
+        made_of = (self.partition, *(() if warp is None else (warp,)), self.filter)
+        return "+".join(type(part).__name__ for part in made_of)
+
+    def as_shadow_mapping(self, what: str) -> "ShadowMapping":
+        """Itself."""
+        del what
+        return self
 
 
 def _edges_of(mesh: Mesh) -> MeshEdges:
@@ -183,6 +231,15 @@ class MappedShadows(Shadows):
         return jnp.where(facing, result, jnp.zeros_like(result))
 
     @property
+    def depth_bias(self) -> BiasRule:
+        """Its bias."""
+        return self.bias
+
+    def maps_of(self, points: Points) -> tuple[tuple[RayGrid, ...], Int[Array, "*points"]]:
+        """The grids, and the region that the partition selects."""
+        return self.grids, self.partition.select(self.grids, self.camera, points)
+
+    @property
     def grids(self) -> tuple[RayGrid, ...]:
         """The light rays of every region's map."""
         return tuple(shadow_map.grid for shadow_map in self.maps)
@@ -237,3 +294,16 @@ class MappedShadows(Shadows):
     def map_bytes(self) -> int:
         """Bytes of the planes of all maps."""
         return sum(leaf.nbytes for leaf in jax.tree.leaves(self.planes) if leaf.ndim)
+
+    @property
+    def texture_bytes(self) -> int:
+        """The filter's planes of every map in textures of their own bits."""
+        bits = 32 if self.maps[0].depth.dtype.itemsize > 2 else 16
+        textures = planes_in_formats(self.filter.num_planes, bits)
+        sides = [shadow_map.depth.shape[0] for shadow_map in self.maps]
+        return sum(texture.num_bytes(side) for side in sides for texture in textures)
+
+    @property
+    def cast_maps(self) -> tuple[ShadowMap, ...]:
+        """Its maps."""
+        return self.maps

@@ -1,8 +1,10 @@
-"""Lights and light spaces answer questions about themselves: nothing asks for their class, and a new one is one."""
+"""Lights, light spaces and techniques answer questions about themselves: nothing asks for their class."""
 
 import ast
+from importlib import import_module
 from pathlib import Path
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -17,17 +19,19 @@ from shadowjax.geometry.transforms import any_perpendicular, view_frame
 from shadowjax.volumes.jitter import disc
 
 ROOT = Path(sj.__file__).parent
-BASES = {"Light", "LightSpace"}  # of anything it may be asked whether it is a light at all
+TECHNIQUE_FILES = [path.stem for path in (ROOT / "techniques").glob("[!_]*.py")]
+BASES = {"Light", "LightSpace", "Technique", "Shadows"}  # of anything it may be asked whether it is one at all
+ASKED = light, light_space, *(import_module(f"shadowjax.techniques.{name}") for name in TECHNIQUE_FILES)
 KINDS = {
     name
-    for module in (light, light_space)
+    for module in ASKED
     for name, value in vars(module).items()
-    if isinstance(value, type) and value.__module__ == module.__name__ and name not in BASES
-}
+    if isinstance(value, type) and issubclass(value, eqx.Module) and value.__module__ == module.__name__
+} - BASES  # fmt: skip
 
 
-def test_nothing_asks_for_the_class_of_a_light_or_a_space():
-    assert {"DirectionalLight", "SpotLight", "OctahedralSpace"} <= KINDS
+def test_nothing_asks_for_the_class_of_a_light_a_space_or_a_technique():
+    assert {"DirectionalLight", "SpotLight", "OctahedralSpace", "ShadowMapping", "AdaptiveShadows", "Exact"} <= KINDS
     for path in ROOT.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "isinstance":

@@ -193,6 +193,12 @@ def test_costs_are_those_of_the_parts():
     assert costs("z4+minimax+evsm4")[:4] == (4, 16, 4, None)
     assert costs("2sm-max+pcf-3x3")[:4] == (2, 18, 1, 19)
     assert costs("exact")[:4] == (0, 0, 0, 2)
+    assert costs("asm")[:4] == (1, 1, None, 2)
+    soft = sj.JitteredLights.create(make_technique("z4+minimax+pcf-3x3"), 0.1, 5)
+    assert costs(soft) == (1, 45, 20, 46, "JitteredLights+Cascades+PerspectiveFit+PercentageCloser")
+    assert soft.resized(0.5).map_resolution == soft.map_resolution // 2
+    with pytest.raises(ValueError, match="a search needs shadow maps of one resolution each; got JitteredLights"):
+        soft.as_shadow_mapping("a search needs")
     rows = {row.token: row for row in token_table()}
     assert list(rows) == token_names()
     assert rows["z4"].maps == 4
@@ -236,7 +242,7 @@ def test_labels_and_tables_of_toml_reach_the_same_names(tmp_path, capsys):
         (["techniques", "a=hard", "a=vsm"], "give each technique once; got a more than once"),
         (["compare", "--techniques", "faces+psm"], "every face has a warp of its own"),
         (["render", "--technique", "3sm+vsm", "-o", "x.png"], "take hard or pcf-KxK with them"),
-        (["optimize", "bias", "--technique", "exact"], "exact reads no"),
+        (["optimize", "bias", "--technique", "exact"], "needs shadow maps of one resolution each; got Exact"),
     ],
 )
 def test_commands_refuse_bad_names_in_one_line(words, message, capsys, monkeypatch, tmp_path):

@@ -145,7 +145,7 @@ def test_commands_write_json_from_their_quick_configs(command, tmp_path, capsys)
     ("arguments", "told"),
     [
         (["taps", "--scenes", "fence", "--test-scenes", "fence"], "both have fence"),
-        (["bias", "--technique", "exact"], "exact reads no map"),
+        (["bias", "--technique", "exact"], "needs shadow maps of one resolution each; got Exact"),
         (["bias", "--technique", "pcf33"], "did you mean"),
         (["exponent", "--filter", "esm3"], "--filter"),
         (["bias", "--resolution", "0"], "--resolution must lie in [1, 16384]"),

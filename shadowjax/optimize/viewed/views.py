@@ -166,11 +166,7 @@ def as_maps(technique: str | Technique | Filter, resolution: int = 256) -> Shado
     """
     if isinstance(technique, Filter):
         return technique
-    made = as_technique(technique, resolution)
-    if not isinstance(made, ShadowMapping):
-        name = technique if isinstance(technique, str) else type(made).__name__
-        raise ValueError(f"{name} reads no shadow map, so there is no number to search; choose another technique")
-    return made
+    return as_technique(technique, resolution).as_shadow_mapping("a search of numbers needs")
 
 
 class ViewNumbers(NamedTuple):
