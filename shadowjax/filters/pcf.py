@@ -59,21 +59,26 @@ def percentage_closer(
         that of the bilinear weights in the position.
 
     Raises:
-        ValueError: If a choice is unknown, the kernel has no taps, or bilinear taps are given a width.
+        ValueError: If a choice is unknown, or the kernel has no taps.
 
     Source: filtering, eqs 2.1 and 2.2 and Algorithm 1; mdsm, sections 4.4 and 4.6.4.
     """
     require_int(kernel_size, "kernel_size", 1)
     require_choice(taps, "taps", TAPS)
     receivers = position, depth, gradient
-    if taps == "bilinear":
-        require(width_world is None, "bilinear taps lie one texel apart; for a width_world take taps='nearest'")
-        moved = position + jnp.asarray(shift, position.dtype) if shift != (0.0, 0.0) else position
-        count = _bilinear_count(planes, moved, receivers, kernel_size, bias, border)
-    else:
-        # K taps spread over the width: width/K from one to the next, in texels of the receiver's place.
-        spacing = 1.0 if width_world is None else width_world / (kernel_size * texel_size)
+    # K taps spread over the width: width/K from one to the next, in texels of the receiver's place.
+    spacing = 1.0 if width_world is None else width_world / (kernel_size * texel_size)
+    if taps == "nearest":
         count = _nearest_count(planes, receivers, kernel_size, bias, border, spacing, shift)
+    else:
+        moved = position + jnp.asarray(shift, position.dtype) if shift != (0.0, 0.0) else position
+        if width_world is None:
+            count = _bilinear_count(planes, moved, receivers, kernel_size, bias, border)
+        else:
+            # Taps that are not whole texels apart share no texels: each is a kernel of one.
+            steps = [offset * spacing for offset in kernel_offsets(kernel_size)]
+            apart = [jnp.stack(jnp.broadcast_arrays(x, y), -1) for y in steps for x in steps]
+            count = sum(_bilinear_count(planes, moved + step, receivers, 1, bias, border) for step in apart)
     # Counting in whole numbers and dividing once keeps "all lit" exactly 1 (adding 1/18 eighteen times does not).
     return count / (planes.shape[0] * kernel_size**2)
 
@@ -149,6 +154,13 @@ def percentage_closer_of(
     )  # fmt: skip
 
 
+def _require_width(width_world: float | None) -> None:
+    require(
+        width_world is None or width_world > 0,
+        f"width_world must be positive (or None for texel spacing); got {width_world}",
+    )
+
+
 class PercentageCloser(Filter):
     """PCF with K × K nearest taps.
 
@@ -162,10 +174,7 @@ class PercentageCloser(Filter):
 
     def __check_init__(self) -> None:
         require_int(self.kernel_size, "kernel_size", 1)
-        require(
-            self.width_world is None or self.width_world > 0,
-            f"width_world must be positive (or None for texel spacing); got {self.width_world}",
-        )
+        _require_width(self.width_world)
 
     def prepare(self, depth: Float[Array, "rows cols"]) -> Float[Array, "n rows cols"]:
         """The map itself."""
@@ -197,16 +206,19 @@ class PercentageCloser(Filter):
 
 
 class BilinearPercentageCloser(Filter):
-    """PCF with bilinear taps: smooth between texels, K × K taps read (K + 1)² depths.
+    """PCF with bilinear taps: smooth between texels, K × K taps one texel apart read (K + 1)² depths.
 
     Attributes:
         kernel_size: K, bilinear taps along an axis, ≥ 1.
+        width_world: Width of the whole kernel in world units at the receiver; None spaces taps one texel apart.
     """
 
     kernel_size: int = eqx.field(static=True, default=1)
+    width_world: float | None = eqx.field(static=True, default=None)
 
     def __check_init__(self) -> None:
         require_int(self.kernel_size, "kernel_size", 1)
+        _require_width(self.width_world)
 
     def prepare(self, depth: Float[Array, "rows cols"]) -> Float[Array, "n rows cols"]:
         """The map itself."""
@@ -214,7 +226,7 @@ class BilinearPercentageCloser(Filter):
 
     def visibility(self, planes: Float[Array, "n rows cols"], lookup: Lookup) -> Float[Array, "*points"]:
         """Weighted fraction of lit texels."""
-        return percentage_closer_of(planes, lookup, self.kernel_size, "bilinear")
+        return percentage_closer_of(planes, lookup, self.kernel_size, "bilinear", self.width_world)
 
     @property
     def num_planes(self) -> int:
@@ -228,10 +240,10 @@ class BilinearPercentageCloser(Filter):
 
     @property
     def num_fetches(self) -> int:
-        """(K + 1)²."""
-        return (self.kernel_size + 1) ** 2
+        """(K + 1)², or four for each tap where taps are apart."""
+        return (self.kernel_size + 1) ** 2 if self.width_world is None else 4 * self.kernel_size**2
 
     @property
     def reach(self) -> float:
-        """The outermost texel of K bilinear taps."""
+        """The outermost texel of K bilinear taps; world-sized kernels count theirs at the receiver."""
         return (self.kernel_size + 1) / 2

@@ -67,6 +67,10 @@ FILTERS = {
     "pcf": (sj.PercentageCloser(3), {"kernel_size": 3}),
     "pcf, wide": (sj.PercentageCloser(2, width_world=0.7), {"kernel_size": 2, "width_world": 0.7}),
     "bilinear": (sj.BilinearPercentageCloser(2), {"kernel_size": 2, "taps": "bilinear"}),
+    "bilinear, wide": (
+        sj.BilinearPercentageCloser(2, width_world=0.7),
+        {"kernel_size": 2, "taps": "bilinear", "width_world": 0.7},
+    ),
     "multi-depth": (sj.MultiDepth(sj.Neighbourhood("min-max"), 2), {"kernel_size": 2, "policy": "min-max"}),
     "to one side": (sj.MultiDepth(sj.Neighbourhood("max", 4)), {"kernel_size": 1, "policy": "max", "size": 4}),
 }

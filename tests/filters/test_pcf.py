@@ -131,13 +131,34 @@ def test_kernel_size_is_checked(make, size):
 
 
 def test_world_width_is_checked():
-    with pytest.raises(ValueError, match="width_world must be positive"):
-        PercentageCloser(3, width_world=0.0)
+    for make in (PercentageCloser, BilinearPercentageCloser):
+        with pytest.raises(ValueError, match="width_world must be positive"):
+            make(3, width_world=0.0)
 
 
-def test_bilinear_taps_have_no_width():
-    with pytest.raises(ValueError, match="take taps='nearest'"):
-        bilinear(jnp.asarray(DEPTHS), 3, width_world=2.0)
+@pytest.mark.parametrize("kernel_size", [1, 2, 3])
+def test_world_sized_bilinear_taps_equal_a_loop(kernel_size):
+    """Each receiver has texels of its own size, so taps lie width/(K · texel) texels apart; outside is lit."""
+    texel, width = RNG.uniform(0.3, 3.0, len(DEPTH)), 2.5
+    planes = DEPTHS[:2]
+    expected = []
+    for (x, y), d, size in zip(RECEIVERS, DEPTH, texel, strict=True):
+        offsets = [(i - (kernel_size - 1) / 2) * width / (kernel_size * size) for i in range(kernel_size)]
+        total = 0.0
+        for dx, dy, plane in itertools.product(offsets, offsets, planes):
+            u, v = x + dx - 0.5, y + dy - 0.5
+            for col, row in itertools.product((np.floor(u), np.floor(u) + 1), (np.floor(v), np.floor(v) + 1)):
+                inside = 0 <= row < plane.shape[0] and 0 <= col < plane.shape[1]
+                lit = not inside or d - 0.05 <= plane[int(row), int(col)]
+                total += lit * (1 - abs(u - col)) * (1 - abs(v - row))
+        expected.append(total / (kernel_size**2 * len(planes)))
+    found = bilinear(jnp.asarray(planes), kernel_size, width_world=width, texel_size=jnp.asarray(texel))
+    np.testing.assert_allclose(found, expected, atol=1e-13)
+    filter_ = BilinearPercentageCloser(kernel_size, width_world=width)
+    same = filter_.visibility(jnp.asarray(planes), lookup(texel_size=jnp.asarray(texel)))
+    np.testing.assert_array_equal(found, same)
+    lit = bilinear(jnp.full((2, 17, 13), 2.0), kernel_size, width_world=width, texel_size=jnp.asarray(texel))
+    assert set(np.asarray(lit).tolist()) == {1.0}
 
 
 @pytest.mark.parametrize("taps", ["nearest", "bilinear"])
