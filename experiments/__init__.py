@@ -2,9 +2,11 @@
 
 # Light imports only: the command line answers bad input and signals before an experiment is loaded.
 
+import ast
 import difflib
 import importlib
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -87,6 +89,16 @@ def find(name: str) -> "Experiment":
     return EXPERIMENTS[name]
 
 
+def summaries() -> dict[str, str]:
+    """What each experiment shows: the first sentence of its file, which is read but not run."""
+    folder = Path(__file__).parent
+    said = {}
+    for name in _NAMES:
+        text = ast.get_docstring(ast.parse((folder / f"{name}.py").read_text(encoding="utf-8"))) or ""
+        said[name] = " ".join(text.split("\n\n")[0].split()).removesuffix(".")
+    return said
+
+
 def __getattr__(name: str) -> Any:
     """What an experiment is made of, loaded when it is asked for."""
     for home in ("base", "settings"):
@@ -107,4 +119,5 @@ __all__ = [
     "find",
     "perform",
     "read_config",
+    "summaries",
 ]

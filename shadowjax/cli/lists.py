@@ -69,7 +69,13 @@ def experiments(chosen: options.Experiments) -> int:
             "experiments come with the source of this package, not with what is installed from it: run "
             "`shadowjax experiments` in a copy of the source"
         ) from None
-    require(bool(chosen.name), f"say which experiment, or all: {', '.join(run_experiments.EXPERIMENTS)}")
+    if not chosen.name:
+        told = importlib.import_module("experiments").summaries()
+        if not write_json(chosen.json, [{"name": name, "shows": text} for name, text in told.items()]):
+            show_table("experiments", ("name", "what it shows"), told.items())
+            say("`shadowjax experiments NAME` runs one, `all` every one; --quick in seconds each.")
+        return 0
+    require(chosen.json is None, "--json is for the list; an experiment writes NAME.json into --out")
     words = [chosen.name, "--out", chosen.out, *(["--quick"] if chosen.quick else [])]
     return run_experiments.run([*words, *(["--config", chosen.config] if chosen.config is not None else [])])
 

@@ -225,16 +225,18 @@ class Techniques:
 
 @dataclass(frozen=True)
 class Experiments:
-    """Run figures and tables of the sources, and judge their claims; writes NAME.png and NAME.json."""
+    """Figures and tables of the sources: list them, or run them and judge their claims."""
 
     name: Positional[Annotated[str, arg(metavar="NAME")]] = ""
-    """An experiment, or `all`; must be given."""
+    """An experiment, or `all`; writes NAME.png and NAME.json. The list of all if left out."""
     quick: bool = False
     """Whether to use the small settings of each: seconds instead of minutes."""
     config: Annotated[str | None, _FILE] = None
     """TOML file in place of configs/NAME.toml."""
     out: Annotated[str, arg(metavar="DIR")] = "out/experiments"
     """Folder to write into."""
+    json: Annotated[str | None, _FILE] = None
+    """File for the list; `-` writes to standard output and nothing else there."""
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import pytest
 from interrupts import ROOT
 from PIL import Image
 
+from experiments import EXPERIMENTS, summaries
 from shadowjax._printable import APPROXIMATE, approximate, one_line, printable
 from shadowjax.cli import console, main
 
@@ -46,6 +47,19 @@ def test_tables_are_whole_however_narrow_the_terminal(width, term, monkeypatch, 
     if width >= 40:  # names stay in one piece
         for text in [name for row in ROWS for name in row[:6]] + list(COLUMNS[1:3]):
             assert "".join(text.split()) in shown
+
+
+def test_the_list_of_experiments_fits_eighty_columns(monkeypatch, capsys):
+    monkeypatch.setattr(shutil, "get_terminal_size", lambda *_: os.terminal_size((80, 24)))
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    assert main(["experiments"]) == 0
+    lines = re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out).splitlines()
+    assert max(map(len, lines)) <= 80
+    first = [line.split()[0] for line in lines if line[:1].isalpha()]
+    assert set(EXPERIMENTS) <= set(first)
+    told = summaries()
+    assert all(len(text) > 20 for text in told.values())
+    assert "".join(told["warping_fig_22"].split()) in "".join("".join(line[31:].split()) for line in lines)
 
 
 def test_ascii_screens_get_words_for_signs(monkeypatch):
