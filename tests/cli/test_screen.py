@@ -50,7 +50,7 @@ def test_tables_are_whole_however_narrow_the_terminal(width, term, monkeypatch, 
 
 
 def test_the_list_of_experiments_fits_eighty_columns(monkeypatch, capsys):
-    monkeypatch.setattr(shutil, "get_terminal_size", lambda *_: os.terminal_size((80, 24)))
+    monkeypatch.setattr(shutil, "get_terminal_size", lambda *_, **__: os.terminal_size((80, 24)))
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     assert main(["experiments"]) == 0
     lines = re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out).splitlines()
