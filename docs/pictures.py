@@ -66,7 +66,7 @@ def draw(large: np.ndarray, crops: list[np.ndarray], tones: list[int | None]) ->
         cell = figure.add_axes((index / count + 0.003, 0, 1 / count - 0.006, lower / height))
         cell.imshow(crop, interpolation="nearest", aspect="auto")
         cell.set_axis_off()
-        label = f"{title}\n" + ("the truth" if index == 0 else f"at most {bound} tones")
+        label = f"{title}\n" + ("the reference" if index == 0 else f"at most {bound} tones")
         figure.text((index + 0.5) / count, (lower + 0.06) / height, label, ha="center", fontsize=6.5, color="#333333")
     return figure
 

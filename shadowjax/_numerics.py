@@ -78,6 +78,17 @@ def faces_light(normals: Float[Array, "*batch 3"], towards: Float[Array, "*batch
     return dot(normals, towards) > FACING_ROUNDINGS * float(jnp.finfo(normals.dtype).eps)
 
 
+def singular_values(matrix: Float[Array, "*batch 2 2"]) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
+    """Larger and smaller singular value of 2 × 2 matrices, from norm and determinant; finite gradients."""
+    # σ₁² + σ₂² = ‖M‖² and σ₁σ₂ = |det M|, so (σ₁ ± σ₂)² = ‖M‖² ± 2|det M|.
+    square = jnp.sum(matrix * matrix, axis=(-1, -2))
+    twice = 2 * jnp.abs(matrix[..., 0, 0] * matrix[..., 1, 1] - matrix[..., 0, 1] * matrix[..., 1, 0])
+    wide, narrow = safe_sqrt(square + twice), safe_sqrt(square - twice)
+    # The product of both is the determinant: dividing by the larger keeps digits that a difference would lose.
+    larger = (wide + narrow) / 2
+    return larger, twice / 2 / jnp.where(larger > 0, larger, jnp.ones_like(larger))
+
+
 def rotate(points: Float[Array, "*points 3"], frame: Float[Array, "3 3"]) -> Float[Array, "*points 3"]:
     """Components of vectors along the rows of a frame; written out for the same reason as `dot`."""
     x, y, z = points[..., 0], points[..., 1], points[..., 2]

@@ -28,7 +28,7 @@ PARAMETERS: Mapping[str, str] = MappingProxyType({
     "light": "its position or direction",
     "camera": "the pose that maps are fitted to, with a partition that follows it, or that a picture is seen from",
     "camera position": "the same with the partition that the technique comes with",
-    "bias": "the depth a test forgives",
+    "bias": "depth tolerance of the test",
     "exponent": "of exponential filters",
     "kernel size": "how many texels a filter's kernel spans",
     "kernel weights": "how much each counts: the width of a Gaussian",

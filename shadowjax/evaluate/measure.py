@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from shadowjax._checked import checked
 from shadowjax._checks import MAY_BE_INFINITE
-from shadowjax._numerics import dot, norm, normalize, safe_divide
+from shadowjax._numerics import dot, norm, normalize, safe_divide, singular_values
 from shadowjax._types import Array, Float, Points, Vector3
 from shadowjax.geometry.transforms import any_perpendicular
 from shadowjax.rays.ray_grid import RayGrid
@@ -262,14 +262,12 @@ def aliasing_map(camera: RayGrid, shadow_map: RayGrid, points: Points, normals: 
     # Surface → texels inverted, then surface → pixels: the Jacobian from texels to pixels.
     inverse = safe_divide(_adjugate(texels), area_texel[:, None, None])
     turned = pixels @ inverse  # pixels per texel, as a matrix
-    # singular values of a 2×2 matrix from its norm and determinant
-    square, product = jnp.sum(turned**2, axis=(-1, -2)), total
-    wide, narrow = jnp.sqrt(jnp.maximum(square + 2 * product, 0)), jnp.sqrt(jnp.maximum(square - 2 * product, 0))
+    longest, shortest = singular_values(turned)
     to_eye, to_light = camera.space.to_source(flat), shadow_map.space.to_source(flat)
     cosines = jnp.abs(dot(normalize(to_eye), facing)), jnp.abs(dot(to_light, facing))
     projection = safe_divide(*cosines)
     perspective = safe_divide(total, projection)
-    out = (total, (wide + narrow) / 2, (wide - narrow) / 2, projection, perspective)
+    out = (total, longest, shortest, projection, perspective)
     return AliasingMap(*(x.reshape(points.shape[:-1]) for x in out))
 
 

@@ -30,9 +30,7 @@ def difference_pixels(
     """
     test, reference = np.asarray(test, float), np.asarray(reference, float)
     require(test.shape == reference.shape, f"images must have one shape; got {test.shape} and {reference.shape}")
-    signed = np.zeros_like(test) if mask is None else np.where(mask, test - reference, 0.0)
-    if mask is None:
-        signed = test - reference
+    signed = test - reference if mask is None else np.where(mask, test - reference, 0.0)
     paper = np.full((*test.shape, 3), 0.97)
     if backdrop is not None:
         grey = np.asarray(backdrop, float).mean(axis=-1)

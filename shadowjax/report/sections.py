@@ -32,7 +32,7 @@ def views(findings: Findings, window: Window) -> str:
     camera = figure(
         pixels(outlined(findings.exact_picture, window), "camera view with exact shadows"),
         "Camera view with exact shadows.",
-        "One shadow ray for every sample: the truth below. The frame marks the edge that is magnified there.",
+        "One shadow ray for every sample: the reference below. The frame marks the edge that is magnified there.",
     )
     return section(
         "views",

@@ -10,8 +10,9 @@ from adaptive_case import scene, technique
 from shapes import bumpy_sphere, lights
 
 from shadowjax import Bias, Camera, Exact, Hard, Mesh, ShadowMapping, astype
+from shadowjax._numerics import singular_values
 from shadowjax.geometry.polygons import polygon_of_face
-from shadowjax.partitions.adaptive.footprint import FOOTPRINTS, mip_value, on_surface, singular_values
+from shadowjax.partitions.adaptive.footprint import FOOTPRINTS, mip_value, on_surface
 from shadowjax.partitions.adaptive.page_table import TILE_BYTES, PageTable
 from shadowjax.partitions.adaptive.refinement import refinement_cost, wishes
 from shadowjax.partitions.adaptive.tile_store import TileStore, slots_in

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import jax.numpy as jnp
 
 from shadowjax._checked import checked
-from shadowjax._numerics import dot, norm, safe_sqrt
+from shadowjax._numerics import dot, norm, safe_sqrt, singular_values
 from shadowjax._types import Array, Float, Points, Scalar
 from shadowjax.rays.ray_grid import RayGrid, pixel_footprint
 
@@ -29,18 +29,6 @@ def on_surface(grid: RayGrid, points: Points, normals: Points) -> tuple[Points, 
     # A cell's step at constant depth, moved along the ray back onto the receiver's plane.
     first, second = (step - along * (dot(normals, step) / cosine)[..., None] for step in grid.cell_vectors(points))
     return first, second
-
-
-@checked
-def singular_values(matrix: Float[Array, "*points 2 2"]) -> tuple[Span, Span]:
-    """Larger and smaller singular value of 2 × 2 matrices, from norm and determinant; finite gradients."""
-    # σ₁² + σ₂² = ‖M‖² and σ₁σ₂ = |det M|, so (σ₁ ± σ₂)² = ‖M‖² ± 2|det M|.
-    square = jnp.sum(matrix * matrix, axis=(-1, -2))
-    twice = 2 * jnp.abs(matrix[..., 0, 0] * matrix[..., 1, 1] - matrix[..., 0, 1] * matrix[..., 1, 0])
-    wide, narrow = safe_sqrt(square + twice), safe_sqrt(square - twice)
-    # The product of both is the determinant: dividing by the larger keeps digits that a difference would lose.
-    larger = (wide + narrow) / 2
-    return larger, twice / 2 / jnp.where(larger > 0, larger, jnp.ones_like(larger))
 
 
 @checked
@@ -93,5 +81,5 @@ Rule = Callable[[RayGrid, RayGrid, Points, Points], Span]
 FOOTPRINTS: dict[str, Rule] = {"jacobian": narrowest, "area": by_area, "mip": by_mip_levels}
 
 __all__ = [
-    "FOOTPRINTS", "Rule", "Span", "by_area", "by_mip_levels", "mip_value", "narrowest", "on_surface", "singular_values",
+    "FOOTPRINTS", "Rule", "Span", "by_area", "by_mip_levels", "mip_value", "narrowest", "on_surface",
 ]  # fmt: skip
