@@ -22,6 +22,8 @@ from shadowjax import (
 
 RESOLUTION = 32
 EXACT = ("exact", "shadow-volumes")  # neither has a map
+# Lights and dtypes that are met singly elsewhere in the suite
+FURTHER = (("directional", jnp.float64), ("spot", jnp.float64), ("point", jnp.float32))
 visibility = eqx.filter_jit(lambda shadows, points, normals: shadows.visibility(points, normals))
 
 
@@ -105,7 +107,15 @@ def test_far_from_the_edge_every_technique_is_exact(built, name):
     assert float(jnp.max(jnp.where(wrong, jnp.abs(beyond), 0))) <= band
 
 
-@pytest.mark.parametrize("kind", ["directional", "spot", "point"])
+@pytest.mark.parametrize(
+    ("kind", "dtype"),
+    [
+        ("directional", jnp.float32),
+        ("spot", jnp.float32),
+        ("point", jnp.float64),
+        *(pytest.param(*pair, marks=pytest.mark.long) for pair in FURTHER),
+    ],
+)
 def test_without_occluders_everything_is_lit(kind, dtype):
     """No acne on a plane for any light, filter and dtype with the default bias: the slope bias is what it claims."""
     plate = plate_over_plane(dtype)
@@ -113,7 +123,7 @@ def test_without_occluders_everything_is_lit(kind, dtype):
     points, normals = floor_points(dtype)
     for name in (*EXACT, "hard", "pcf-4x4", "pcf-bilinear-3x3", "3sm+pcf-3x3", "4sm+pcf-3x3"):
         shadows = make_technique(name, RESOLUTION).build(floor, lights(dtype)[kind], above(dtype))
-        assert float(jnp.min(shadows.visibility(points, normals))) == 1, name
+        assert float(jnp.min(visibility(shadows, points, normals))) == 1, name
 
 
 @pytest.mark.parametrize(
@@ -143,7 +153,7 @@ def test_local_lights_agree_with_the_exact_shadow(kind):
     points, normals = floor_points(jnp.float64, reach=2.0)
     truth = make_technique("exact").build(mesh, light, camera).visibility(points, normals)
     errors = []
-    for resolution in (32, 64, 128, 256):
+    for resolution in (32, 256):
         value = make_technique("hard", resolution).build(mesh, light, camera).visibility(points, normals)
         errors.append(float(jnp.mean(jnp.abs(value - truth))))
     assert 0.1 < float(jnp.mean(truth)) < 0.9
