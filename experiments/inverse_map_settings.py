@@ -32,7 +32,7 @@ from shadowjax import DirectionalLight, scenes
 from shadowjax._checks import require, require_int
 from shadowjax.optimize.solution import Solution
 from shadowjax.optimize.solvers.bounded import SearchCertificate, minimise_multistart
-from shadowjax.optimize.viewed.expected import ExpectedError, Settings, error_and_slope
+from shadowjax.optimize.viewed.expected import ExpectedError, MapSettings, error_and_slope
 from shadowjax.plotting import PALETTE, label, new_figure, show_image, styled
 
 LOWER, UPPER = np.array([0.0, 0.0, 0.05]), np.array([0.97, 6.0, 3.0])  # of bend, bias and width
@@ -157,7 +157,7 @@ def _search(config: Config, name: str, seed: int) -> tuple[Found, ExpectedError]
     search = minimise_multistart(both, [default, *random], LOWER, UPPER, MOST_STEPS)
     settings = {DEFAULT: default, APART: _apart(expected), JOINT: search.value}
     softened = {way: float(np.exp(both(x)[0])) for way, x in settings.items()}
-    measured = {way: expected.measured(Settings.of(jnp.asarray(x))) for way, x in settings.items()}
+    measured = {way: expected.measured(MapSettings.of(jnp.asarray(x))) for way, x in settings.items()}
     axes = [np.linspace(low, high, config.num_tried) for low, high in zip(LOWER, UPPER, strict=True)]
     tried = min(float(both(np.array([a, b, c]))[0]) for a in axes[0] for b in axes[1] for c in axes[2])
     step = 1e-6
@@ -175,7 +175,9 @@ def _run(config: Config) -> Result:
             if shown is None:
                 default = one.settings[DEFAULT]
                 history = np.concatenate([default[None], one.search.certificate.history])
-                steps = [Settings.of(jnp.asarray(x)) for x in history[np.linspace(0, len(history) - 1, 10).astype(int)]]
+                steps = [
+                    MapSettings.of(jnp.asarray(x)) for x in history[np.linspace(0, len(history) - 1, 10).astype(int)]
+                ]
                 shape = (config.width * 3 // 4, config.width)
                 seen = [np.asarray(expected.seen(x)).reshape(shape) for x in steps]
                 errors = np.array([expected.measured(x) for x in steps])

@@ -21,7 +21,7 @@ from shadowjax.filters.convolution import (
     encode_convolution,
     encode_mean_depth,
     fourier_bases,
-    fourier_step,
+    fourier_test,
     fourier_visibility,
 )
 from shadowjax.filters.exponential import blur_exponents, decode_exponential, encode_exponential, exponential_test
@@ -81,7 +81,7 @@ __all__ = [
     "exponential_test",
     "extend",
     "fourier_bases",
-    "fourier_step",
+    "fourier_test",
     "fourier_visibility",
     "gaussian_weights",
     "hamburger_visibility",

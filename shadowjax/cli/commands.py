@@ -58,12 +58,12 @@ def _caster(picture: options.PictureOptions) -> Any:
 
 def report(chosen: options.Report) -> int:
     """Make the page; 1 if an equation on it failed."""
-    from shadowjax.report import DEFAULT_TECHNIQUES, Settings, check_report, collect, write_report
+    from shadowjax.report import DEFAULT_TECHNIQUES, ReportSettings, check_report, collect, write_report
 
     check_report(chosen.out)  # complain before the work, not after it
     picture = chosen.picture
     equation = () if chosen.equations == ("none",) else chosen.equations
-    settings = Settings(
+    settings = ReportSettings(
         labelled(chosen.techniques) or DEFAULT_TECHNIQUES, picture.width, picture.height, picture.resolution,
         picture.samples, equation, chosen.sweep,
     )  # fmt: skip
@@ -205,11 +205,11 @@ def _optimized(path: str | None, content: dict[str, Any]) -> int:
 
 def near_distance(chosen: options.NearDistance) -> int:
     """Find n'; in float64, as the optimum is flat."""
-    from shadowjax.optimize.analytic.near_distance import OBJECTIVES
+    from shadowjax.optimize.analytic.near_distance import WARP_OBJECTIVES
     from shadowjax.optimize.analytic.near_distance import near_distance as find
 
     phi, gamma = _angles(chosen)
-    require_choice(chosen.objective, "--objective", OBJECTIVES)
+    require_choice(chosen.objective, "--objective", WARP_OBJECTIVES)
     with jax.enable_x64(True):
         content = find(chosen.near, chosen.far, phi, gamma, chosen.section, chosen.objective).to_dict()
     return _optimized(chosen.json, content)
@@ -243,12 +243,15 @@ def bias_search(chosen: options.BiasSearch) -> int:
 def exponent_search(chosen: options.ExponentSearch) -> int:
     """Search the numbers of an averaging filter."""
     from shadowjax.optimize.viewed.filter_numbers import exponent
+    from shadowjax.presets.names import make_technique
 
+    technique = make_technique(chosen.technique, chosen.search.resolution)
+    technique.as_shadow_mapping("a search of numbers needs")  # complain before the work, not after it
     with Steps("optimize exponent") as steps:
         views = _views(chosen.search, chosen.search.scenes, steps)
         test_views = _views(chosen.search, chosen.test_scenes, steps)
-        steps(f"numbers of {chosen.filter}")
-        found = exponent(views, chosen.filter, chosen.blur, chosen.evaluations, test_views)
+        steps(f"numbers of {chosen.technique}")
+        found = exponent(views, technique, chosen.blur, chosen.evaluations, test_views)
     content = found.to_dict()
     if chosen.search.json is None:  # a table has no room for all that was tried
         content = {**content, **content["numbers"]}
@@ -259,7 +262,10 @@ def exponent_search(chosen: options.ExponentSearch) -> int:
 def taps_search(chosen: options.TapsSearch) -> int:
     """Search extra depths, or learn offsets of taps."""
     from shadowjax.optimize.viewed.taps import depths, taps
+    from shadowjax.presets.names import make_technique
 
+    technique = make_technique(chosen.technique, chosen.search.resolution)
+    technique.as_shadow_mapping("a search of taps needs")  # complain before the work, not after it
     shared = sorted(set(chosen.search.scenes) & set(chosen.test_scenes))
     require(not shared, f"--test-scenes must differ from --scenes; both have {', '.join(shared)}")
     with Steps("optimize taps") as steps:
@@ -267,9 +273,9 @@ def taps_search(chosen: options.TapsSearch) -> int:
         test_views = _views(chosen.search, chosen.test_scenes, steps)
         steps(f"search of {chosen.what}")
         if chosen.what == "offsets":
-            found = taps(views, test_views, chosen.kernel_size, chosen.steps)
+            found = taps(views, test_views, technique, chosen.steps)
         else:
-            found = depths(views, test_views, chosen.num_depths, chosen.kernel_size, chosen.what)
+            found = depths(views, test_views, chosen.num_depths, technique, chosen.what)
     return _optimized(chosen.search.json, found.to_dict())
 
 

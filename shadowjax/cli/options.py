@@ -335,10 +335,10 @@ class BiasSearch:
 class ExponentSearch:
     """Exponents, damping, terms and bleed clamps of least error over scenes."""
 
-    filter: Literal["vsm", "esm", "esm-linear", "evsm2", "evsm4", "msm", "csm"] = "evsm4"
-    """Filter whose numbers are searched."""
-    blur: Taps = 7
-    """Taps of the Gaussian blur along an axis, odd."""
+    technique: Annotated[str, arg(metavar="NAME")] = "evsm4"
+    """Technique whose filter has numbers, such as vsm, esm, evsm4, msm-hamburger, csm or z4+minimax+evsm4."""
+    blur: Annotated[Taps | None, _WHOLE] = None
+    """Taps of the Gaussian blur along an axis, odd; the filter's own by default."""
     evaluations: Trials = 24
     """Most settings that are measured."""
     test_scenes: SceneNames = ()
@@ -354,8 +354,8 @@ class TapsSearch:
     """Order statistics of the 3 × 3 neighbourhood or its cells, by exhaustive search; or tap offsets, by gradient."""
     num_depths: Depths = 2
     """n, depths of a texel, 2 to 5; for ranks and cells."""
-    kernel_size: Taps = 2
-    """K of the K × K taps."""
+    technique: Annotated[str, arg(metavar="NAME")] = "pcf-2x2"
+    """Technique whose depths or taps are searched, with hard or pcf-KxK for the number of taps."""
     steps: Trials = 24
     """Most steps of the minimiser; for offsets."""
     test_scenes: SceneNames = ("fence", "solids")

@@ -25,8 +25,8 @@ from .pcss import ContactHardening as ContactHardening
 from .prefilter import Prefilter as Prefilter
 from .prefiltered import EncodedMap as EncodedMap
 from .prefiltered import Prefiltered as Prefiltered
+from .registry import DEPTH_POLICIES as DEPTH_POLICIES
 from .registry import FILTERS as FILTERS
-from .registry import POLICIES as POLICIES
 from .variance import Variance as Variance
 from .variance import chebyshev_visibility as chebyshev_visibility
 from .variance import variance_of as variance_of

@@ -90,7 +90,7 @@ def fourier_visibility(bases: Values, depth: Numbers, damping: float = 0.0) -> N
 
 
 @checked
-def fourier_step(difference: Numbers, num_terms: int, damping: float = 0.0) -> Numbers:
+def fourier_test(difference: Numbers, num_terms: int, damping: float = 0.0) -> Numbers:
     """½ + 2 Σ exp(−α(k/M)²) sin(c_k t)/c_k: the truncated series of a step, of one known difference t = z − d.
 
     Source: filtering, eq. 2.16 with the sign of eq. 2.17.
@@ -178,7 +178,7 @@ def decode_mean_depth(
 
     Source: filtering, sections 2.4.3 and 3.2.
     """
-    return _finished(fourier_step(values[0] - _series_depth(depth, terms, offset), terms, damping), scale)
+    return _finished(fourier_test(values[0] - _series_depth(depth, terms, offset), terms, damping), scale)
 
 
 class FourierStep(Checked):

@@ -35,7 +35,7 @@ FILTERS: Registry[Filter] = Registry("filter", {
     "xcsm": Entry(MeanDepthConvolution, "convolution, in the mean depth"),
 })  # fmt: skip
 
-POLICIES: Registry[DepthPolicy] = Registry("depths", {
+DEPTH_POLICIES: Registry[DepthPolicy] = Registry("depths", {
     "brabec-seidel-propagated": Entry(PropagatedNeighbours, "depths of neighbours (Brabec and Seidel)"),
     "hyper-z": Entry(HierarchicalMinimum, "least depths of blocks: a failure to study"),
     "2sm-max": Entry(lambda: Neighbourhood("max"), "the depth, and the largest of 3 × 3"),
@@ -61,4 +61,4 @@ def over_depths(policy: DepthPolicy, filter_: Filter) -> Filter:
     return MultiDepth(policy, filter_.kernel_size if isinstance(filter_, PercentageCloser) else 1)
 
 
-__all__ = ["FILTERS", "POLICIES", "over_depths"]
+__all__ = ["DEPTH_POLICIES", "FILTERS", "over_depths"]

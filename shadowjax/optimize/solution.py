@@ -29,7 +29,7 @@ LARGEST_GAIN = 1e12
 MARGIN = 1e-5  # of a map's size, beyond what is seen on each side
 
 
-class Kind(NamedTuple):
+class SolutionKind(NamedTuple):
     """What the solutions of one optimiser have in common.
 
     Attributes:
@@ -63,7 +63,7 @@ class Solution(Checked, Generic[Value, Evidence]):
     certificate: Evidence
     result: Any
     problem: Any = None
-    kind: Kind = eqx.field(static=True, default=Kind(()))
+    kind: SolutionKind = eqx.field(static=True, default=SolutionKind(()))
 
     @property
     def gain(self) -> Float[Array, "*views"]:
@@ -180,4 +180,4 @@ def ended(good: Bool[Array, "*views"], otherwise: Any = optx.RESULTS.nonlinear_d
     return optx.RESULTS.where(good, optx.RESULTS.successful, otherwise)
 
 
-__all__ = ["Kind", "Solution", "ended", "with_maps", "with_slices"]
+__all__ = ["Solution", "SolutionKind", "ended", "with_maps", "with_slices"]

@@ -34,7 +34,7 @@ from shadowjax.theory.aliasing.split_rules import (
 from shadowjax.warps.base import WarpFit
 from shadowjax.warps.fit import PerspectiveFit, visible_range
 
-RULES = ("uniform", "logarithmic", "practical", "adaptive", "shares", "first", *seen_depths.RULES)
+SPLIT_RULES = ("uniform", "logarithmic", "practical", "adaptive", "shares", "first", *seen_depths.SEEN_RULES)
 CHOICES = ("map", "depth")
 LEAST_RATIO = 1 + 1e-3  # of far to near
 MISSED = 0.05  # share by which the range of a coarse depth buffer is widened
@@ -101,7 +101,7 @@ class Cascades(Partition):
 
     def __check_init__(self) -> None:
         require_int(self.num_partitions, "num_partitions", 1)
-        require_choice(self.rule, "rule", RULES)
+        require_choice(self.rule, "rule", SPLIT_RULES)
         require_choice(self.choose, "choose", CHOICES)
         require(0 <= self.weight <= 1, f"weight, λ, must lie in [0, 1]; got {self.weight}")
         require(self.ratio > 1, f"ratio, α, must exceed 1; got {self.ratio}")
@@ -167,7 +167,7 @@ class Cascades(Partition):
             near = jnp.where(reach > near * LEAST_RATIO, near, camera.near)
             far = jnp.maximum(jnp.minimum(far, reach), near * LEAST_RATIO)
         k = self.num_partitions
-        if self.rule in seen_depths.RULES:
+        if self.rule in seen_depths.SEEN_RULES:
             depth, seen = seen_depths.seen_depths(mesh, camera, self.caster, self.num_rows)
             return seen_depths.seen_splits(depth, seen & (depth <= far), near, far, k, self.rule, MISSED)
         if self.rule == "shares" and self.shares_of_range is not None:
@@ -283,7 +283,7 @@ class Cascades(Partition):
 
 __all__ = [
     "CHOICES",
-    "RULES",
+    "SPLIT_RULES",
     "Cascades",
     "Splits",
     "adaptive_splits",

@@ -21,7 +21,7 @@ from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.warps.receivers import with_seen_depth
 from shadowjax.warps.uniform import UniformWarp
 
-NAMES = ("+x", "-x", "+y", "-y", "+z", "-z")
+CUBE_FACES = ("+x", "-x", "+y", "-y", "+z", "-z")
 
 
 class CubeMap(Partition):
@@ -54,7 +54,7 @@ class CubeMap(Partition):
         return CubeMap(2 * math.ceil(texels) + 1)
 
     def grids(self, mesh: Mesh, light: Light, camera: Camera, resolution: int) -> tuple[RayGrid, ...]:
-        """One grid a face, in the order of `NAMES`; one alone for a directional light.
+        """One grid a face, in the order of `CUBE_FACES`; one alone for a directional light.
 
         Raises:
             ValueError: If the margin leaves no texel for the faces themselves.
@@ -85,7 +85,7 @@ class CubeMap(Partition):
     @property
     def num_maps(self) -> int:
         """One a face."""
-        return len(NAMES)
+        return len(CUBE_FACES)
 
     def select(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> Int[Array, "*points"]:
         """The face through which each point's direction from the light points; at the light itself the first."""
@@ -96,7 +96,7 @@ class CubeMap(Partition):
 
 @checked
 def face_frames(dtype: DType) -> tuple[Float[Array, "3 3"], ...]:
-    """Right, up and forward of each face, in the order of `NAMES`: the axes of the world themselves.
+    """Right, up and forward of each face, in the order of `CUBE_FACES`: the axes of the world themselves.
 
     Args:
         dtype: Of the frames.
@@ -112,7 +112,7 @@ def face_frames(dtype: DType) -> tuple[Float[Array, "3 3"], ...]:
 
 @checked
 def face_of(directions: Float[Array, "*points 3"]) -> Int[Array, "*points"]:
-    """Index into `NAMES` of the face of a cube that a direction points through; on an edge the earlier axis.
+    """Index into `CUBE_FACES` of the face of a cube that a direction points through; on an edge the earlier axis.
 
     Args:
         directions: From the middle of the cube, of any length.
@@ -123,4 +123,4 @@ def face_of(directions: Float[Array, "*points 3"]) -> Int[Array, "*points"]:
     return 2 * axis.astype(jnp.int32) + (along < 0).astype(jnp.int32)
 
 
-__all__ = ["NAMES", "CubeMap", "face_frames", "face_of"]
+__all__ = ["CUBE_FACES", "CubeMap", "face_frames", "face_of"]

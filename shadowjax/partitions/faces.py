@@ -16,7 +16,7 @@ from shadowjax.rays.ray_grid import RayGrid
 from shadowjax.warps.fit import padded, visible_range
 from shadowjax.warps.perspective import PerspectiveWarp
 
-NAMES = ("bottom", "right", "top", "left")
+FACE_NAMES = ("bottom", "right", "top", "left")
 # A face seen at such a grazing angle that it covers less than this share of the frustum's square has no wedge of its
 # own: what it would hold lies within the margin of its neighbours' maps.
 THINNEST = 1e-4
@@ -65,7 +65,7 @@ class FacePartition(Partition):
     @property
     def num_maps(self) -> int:
         """One a side."""
-        return len(NAMES)
+        return len(FACE_NAMES)
 
     def select(self, grids: tuple[RayGrid, ...], camera: Camera, points: Points) -> Int[Array, "*points"]:
         """The side in whose wedge from O a point lies; the nearest one where rounding leaves it in none."""
@@ -87,7 +87,7 @@ class FacePartition(Partition):
 
 @checked
 def faces_that_apply(camera: Camera, light: DirectionalLight) -> Bool[Array, "4"]:
-    """Which sides of the frustum get a map that is read, in the order of `NAMES`.
+    """Which sides of the frustum get a map that is read, in the order of `FACE_NAMES`.
 
     Args:
         camera: The view.
@@ -136,7 +136,7 @@ def face_warp(
         camera: The view.
         near: Least depth that matters, world units.
         far: Greatest depth that matters.
-        face: Index into `NAMES`.
+        face: Index into `FACE_NAMES`.
         applies: Whether the side is used; a warp around the whole frustum stands in for one that is not.
     """
     apex, ends = _outline(space, camera)
@@ -255,4 +255,4 @@ def _length(vector: Vector2) -> Scalar:
     return jnp.sqrt(jnp.sum(vector * vector) + float(jnp.finfo(vector.dtype).tiny))
 
 
-__all__ = ["NAMES", "FacePartition", "face_near_distance", "face_warp", "faces_that_apply", "skewed_warp"]
+__all__ = ["FACE_NAMES", "FacePartition", "face_near_distance", "face_warp", "faces_that_apply", "skewed_warp"]

@@ -11,7 +11,7 @@ from shadowjax.geometry.mesh import Mesh
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.ray_grid import camera_grid
 
-RULES = ("seen", "quantile", "histogram")
+SEEN_RULES = ("seen", "quantile", "histogram")
 NUM_BINS = 256  # of the histogram, equal in ln z
 
 
@@ -92,7 +92,7 @@ def seen_splits(
     Source: the tight range and cuts of sample distribution shadow maps; warping, eq. 50, over that range.
     """
     k = require_int(num_partitions, "the number of partitions k", 1)
-    require_choice(rule, "rule", RULES)
+    require_choice(rule, "rule", SEEN_RULES)
     low, high = seen_range(depth, seen, near, far, margin)
     span = jnp.log(high / low)
     equal = jnp.arange(k + 1, dtype=span.dtype) / k
@@ -125,4 +125,4 @@ def _planes(shares: Float[Array, "planes"], low: Scalar, high: Scalar, span: Sca
     return (low * jnp.exp(span * shares)).at[0].set(low).at[-1].set(high)
 
 
-__all__ = ["NUM_BINS", "RULES", "seen_depths", "seen_range", "seen_splits"]
+__all__ = ["NUM_BINS", "SEEN_RULES", "seen_depths", "seen_range", "seen_splits"]

@@ -1,5 +1,5 @@
 from .bands import depth_bands as depth_bands
-from .bands import depth_map as depth_map
+from .bands import depth_by_bands as depth_by_bands
 from .brute import BruteForceCaster as BruteForceCaster
 from .bvh.caster import BvhCaster as BvhCaster
 from .caster import Caster as Caster

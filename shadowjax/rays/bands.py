@@ -79,7 +79,7 @@ def depth_bands(
 
 
 @checked
-def depth_map(
+def depth_by_bands(
     caster: Caster,
     mesh: Mesh,
     grid: RayGrid,

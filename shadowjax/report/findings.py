@@ -51,7 +51,7 @@ DEFAULT_EQUATIONS = ("mdsm", "filtering", "stencil", "asm")
 
 
 @dataclass(frozen=True)
-class Settings:
+class ReportSettings:
     """How a report is made.
 
     Args:
@@ -117,7 +117,7 @@ class Findings:
     """Everything that the page and the results file are made of."""
 
     scene: Scene
-    settings: Settings
+    settings: ReportSettings
     comparison: Comparison
     exact_picture: Pixels
     pictures: tuple[Pixels, ...]
@@ -154,7 +154,7 @@ def pixel_visibility(view: View, visibility: Any) -> Grey:
 
 def collect(
     scene: Scene,
-    settings: Settings,
+    settings: ReportSettings,
     command: str = "",
     caster: Caster | None = None,
     progress: Callable[[str], None] | None = None,

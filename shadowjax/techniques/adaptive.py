@@ -155,7 +155,7 @@ class AdaptiveShadowMapping(Technique):
 
 
 @checked
-class View:
+class HeldView:
     """A camera that holds still while maps are refined: what it sees, and what tiles were worth to it at first.
 
     Attributes:
@@ -267,13 +267,13 @@ class AdaptiveShadows(Shadows):
         """Bytes of all tiles and of the page table."""
         return self.map.num_bytes
 
-    def look(self, camera: Camera) -> View:
+    def look(self, camera: Camera) -> HeldView:
         """What a camera sees of the receivers that face the light, in an image of the technique's rows."""
         height = self.technique.num_rows
         width = max(1, round(height * float(camera.aspect)))
-        return View(*_seen(self.technique.caster, self.mesh, camera, width, height, self.map.grid))
+        return HeldView(*_seen(self.technique.caster, self.mesh, camera, width, height, self.map.grid))
 
-    def refine(self, view: View, most_tiles: int | None = None) -> tuple["AdaptiveShadows", Step]:
+    def refine(self, view: HeldView, most_tiles: int | None = None) -> tuple["AdaptiveShadows", Step]:
         """One step: find the pixels that lack texels, choose tiles by benefit over cost, cast them.
 
         Args:
@@ -305,7 +305,7 @@ class AdaptiveShadows(Shadows):
         return eqx.tree_at(lambda s: s.map, self, map_), step
 
     def refined(
-        self, view: View, max_steps: int, most_tiles: int | None = None
+        self, view: HeldView, max_steps: int, most_tiles: int | None = None
     ) -> tuple["AdaptiveShadows", tuple[Step, ...]]:
         """Steps until one casts nothing, at most `max_steps`; arguments as in `refine`."""
         shadows, steps = self, []
@@ -316,7 +316,7 @@ class AdaptiveShadows(Shadows):
                 break
         return shadows, tuple(steps)
 
-    def square_of(self, view: View) -> Float[Array, "pixels 2"]:
+    def square_of(self, view: HeldView) -> Float[Array, "pixels 2"]:
         """Where the pixels of a view read, (s, t) of the unit square."""
         return _square_of(self.map, view.points)
 
@@ -400,4 +400,4 @@ def _asked(
     return place_of(square), slot, level, needed, edge
 
 
-__all__ = ["TESTS", "AdaptiveShadowMapping", "AdaptiveShadows", "Step", "View", "placed_on"]
+__all__ = ["TESTS", "AdaptiveShadowMapping", "AdaptiveShadows", "HeldView", "Step", "placed_on"]

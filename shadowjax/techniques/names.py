@@ -13,13 +13,13 @@ from shadowjax._checked import checked
 from shadowjax._checks import require
 from shadowjax._registry import Registry
 from shadowjax.filters.base import Filter
-from shadowjax.filters.registry import FILTERS, POLICIES, over_depths
+from shadowjax.filters.registry import DEPTH_POLICIES, FILTERS, over_depths
 from shadowjax.partitions.base import Partition
 from shadowjax.partitions.registry import PARTITIONS
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import default_caster
 from shadowjax.techniques.base import Technique
-from shadowjax.techniques.registry import ALONE, KINDS, LAYER_DEPTHS, OPTIONS, TILES
+from shadowjax.techniques.registry import ALONE, LAYER_DEPTHS, OPTIONS, TILES, TOKEN_KINDS
 from shadowjax.techniques.shadow_mapping import ShadowMapping
 from shadowjax.warps.registry import WARP_FITS
 
@@ -28,7 +28,7 @@ class TokenRow(NamedTuple):
     """A token and what it costs; None for what the token does not decide.
 
     Attributes:
-        kind: Key of `KINDS`, or "technique" for a name that stands alone.
+        kind: Key of `TOKEN_KINDS`, or "technique" for a name that stands alone.
         token: As in a name.
         planes: Numbers stored for each texel.
         fetches: Depths or numbers read for each receiver.
@@ -89,7 +89,7 @@ def _sorted(tokens: list[str], name: str) -> dict[str, str]:
 
 
 def _kind_of(token: str) -> str | None:
-    return next((kind for kind, registries in KINDS.items() if any(token in one for one in registries)), None)
+    return next((kind for kind, registries in TOKEN_KINDS.items() if any(token in one for one in registries)), None)
 
 
 def _hint(token: str) -> str:
@@ -110,7 +110,7 @@ def token_names() -> list[str]:
 def _registries() -> Iterable[tuple[str, Registry[Any]]]:
     """Every registry with its kind."""
     yield "technique", ALONE
-    for kind, registries in KINDS.items():
+    for kind, registries in TOKEN_KINDS.items():
         for one in registries:
             yield kind, one
 
@@ -124,8 +124,8 @@ def _fields(found: dict[str, str]) -> dict[str, Any]:
     if covered:
         fields |= OPTIONS[found["option"]]()
         filter_ = filter_.for_coverage()
-    if depths is not None and depths in POLICIES:
-        filter_ = over_depths(POLICIES[depths](), filter_)
+    if depths is not None and depths in DEPTH_POLICIES:
+        filter_ = over_depths(DEPTH_POLICIES[depths](), filter_)
     elif depths is not None:
         fields["layer"] = LAYER_DEPTHS[depths]()
     # One map around a point light bends outlines, six do not; under parallel light the six are one.
@@ -171,7 +171,7 @@ def _costs(registry: Registry[Any], name: str) -> tuple[int | None, int | None, 
     """Planes, fetches and maps that a token decides."""
     if registry is PARTITIONS:
         return None, None, PARTITIONS[name]().num_maps
-    if registry is FILTERS or registry is POLICIES:
+    if registry is FILTERS or registry is DEPTH_POLICIES:
         technique = compose(name)
         return technique.num_planes, technique.num_fetches, None
     return None, None, None

@@ -5,7 +5,7 @@ from types import MappingProxyType
 from typing import Any
 
 from shadowjax._registry import Entry, Registry
-from shadowjax.filters.registry import FILTERS, POLICIES
+from shadowjax.filters.registry import DEPTH_POLICIES, FILTERS
 from shadowjax.partitions.registry import PARTITIONS
 from shadowjax.rays.caster import Caster
 from shadowjax.rays.casters import default_caster
@@ -52,10 +52,10 @@ OPTIONS: Registry[Mapping[str, Any]] = Registry("option", {
 })  # fmt: skip
 
 # Kinds of tokens in the order of a name, each with its registries; no token is in two.
-KINDS: Mapping[str, tuple[Registry[Any], ...]] = MappingProxyType({
+TOKEN_KINDS: Mapping[str, tuple[Registry[Any], ...]] = MappingProxyType({
     "partition": (PARTITIONS, TILES),
     "warp": (WARP_FITS,),
-    "depths": (POLICIES, LAYER_DEPTHS),
+    "depths": (DEPTH_POLICIES, LAYER_DEPTHS),
     "filter": (FILTERS,),
     "option": (OPTIONS,),
 })  # fmt: skip
@@ -65,9 +65,15 @@ COMBINED = (
     "2sm-max+pcf-2x2", "2sm-max+pcf-3x3", "2sm-min+pcf-3x3", "3sm+pcf-2x2", "3sm+pcf-3x3", "4sm+pcf-3x3",
     "vsm+coverage", "asm", "cube", "cube+pcf-3x3",
 )  # fmt: skip
-TECHNIQUES: tuple[str, ...] = ("exact", *FILTERS, *LAYER_DEPTHS, *POLICIES, *COMBINED, "shadow-volumes")
+TECHNIQUES: tuple[str, ...] = ("exact", *FILTERS, *LAYER_DEPTHS, *DEPTH_POLICIES, *COMBINED, "shadow-volumes")
 
 
 __all__ = [
-    "ALONE", "COMBINED", "KINDS", "LAYER_DEPTHS", "OPTIONS", "TECHNIQUES", "TILES",
+    "ALONE",
+    "COMBINED",
+    "LAYER_DEPTHS",
+    "OPTIONS",
+    "TECHNIQUES",
+    "TILES",
+    "TOKEN_KINDS",
 ]  # fmt: skip

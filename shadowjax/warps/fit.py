@@ -23,10 +23,10 @@ from shadowjax.warps.perspective import PerspectiveWarp
 from shadowjax.warps.receivers import receiver_outline
 from shadowjax.warps.trapezoidal import trapezoidal
 
-Rule = Callable[[LightFrustum], Float[Array, "..."]]
+NearDistanceRule = Callable[[LightFrustum], Float[Array, "..."]]
 
 # How each named technique picks n', for a directional light; one line a rule.
-NEAR_DISTANCES: dict[str, Rule] = {
+NEAR_DISTANCES: dict[str, NearDistanceRule] = {
     "uniform": near_distances.uniform,
     "psm": near_distances.psm,
     "lispsm": near_distances.wimmer,
@@ -243,6 +243,14 @@ def spot_strength(
 
 
 __all__ = [
-    "NEAR_DISTANCES", "LogarithmicFit", "PerspectiveFit", "Rule", "corners", "light_frustum", "padded", "spot_strength",
-    "view_axis", "visible_range",
+    "NEAR_DISTANCES",
+    "LogarithmicFit",
+    "NearDistanceRule",
+    "PerspectiveFit",
+    "corners",
+    "light_frustum",
+    "padded",
+    "spot_strength",
+    "view_axis",
+    "visible_range",
 ]  # fmt: skip

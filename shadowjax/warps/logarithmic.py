@@ -12,7 +12,7 @@ from shadowjax.rays.plane_map import PlanePoints
 from shadowjax.theory.aliasing.light_frustum import LightFrustum, Section
 from shadowjax.theory.aliasing.roots import bisect
 from shadowjax.warps.base import Warp
-from shadowjax.warps.perspective import CLOSEST, components, compose, trapezium
+from shadowjax.warps.perspective import CLOSEST, components, from_components, trapezium
 
 # Below this, the ratios of logarithm and exponential to their argument are series, exact to the last bit.
 SMALL = 1e-3
@@ -60,7 +60,7 @@ class LogarithmicWarp(Warp):
         s, t = square[..., 0], square[..., 1]
         along = self._along(t)
         across = (self.sides[0] + s * (self.sides[1] - self.sides[0])) * (1 + along * self.strength)
-        return self.origin + compose(along, across, self.axis)
+        return self.origin + from_components(along, across, self.axis)
 
     def regular(self, plane: PlanePoints) -> Bool[Array, "*points"]:
         """In front of the centre of projection, where lines across the axis stay lines and t grows along it."""

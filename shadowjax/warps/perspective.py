@@ -67,7 +67,7 @@ class PerspectiveWarp(Warp):
         # t = u(1 + W/n')/(W(1 + u/n')) solved for u.
         along = t * self.extent / jnp.maximum(1 + self.extent * self.strength * (1 - t), CLOSEST)
         across = (self.sides[0] + s * (self.sides[1] - self.sides[0])) * (1 + along * self.strength)
-        return self.origin + compose(along, across, self.axis)
+        return self.origin + from_components(along, across, self.axis)
 
     def regular(self, plane: PlanePoints) -> Bool[Array, "*points"]:
         """In front of the centre of projection, where lines across the axis stay lines and t grows along it."""
@@ -112,7 +112,7 @@ def trapezium(
     flat = (extent > 0) & (sides[1] > sides[0])
     message = "points of a light's plane lie on one line, so no map covers them; is the camera in the light's plane?"
     extent = require_value(extent, flat, message)
-    return compose(lowest, middle, direction), direction, extent, strength, sides
+    return from_components(lowest, middle, direction), direction, extent, strength, sides
 
 
 @checked
@@ -123,9 +123,9 @@ def components(offset: PlanePoints, axis: Vector2) -> tuple[Float[Array, "*point
 
 
 @checked
-def compose(along: Float[Array, "..."], across: Float[Array, "..."], axis: Vector2) -> PlanePoints:
+def from_components(along: Float[Array, "..."], across: Float[Array, "..."], axis: Vector2) -> PlanePoints:
     """The plane vector with these components."""
     return jnp.stack([along * axis[0] + across * axis[1], along * axis[1] - across * axis[0]], axis=-1)
 
 
-__all__ = ["CLOSEST", "PerspectiveWarp", "components", "compose", "trapezium"]
+__all__ = ["CLOSEST", "PerspectiveWarp", "components", "from_components", "trapezium"]

@@ -14,7 +14,7 @@ from shadowjax.geometry.light_space import LightSpace
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.geometry.transforms import any_perpendicular
 from shadowjax.warps.base import WarpFit
-from shadowjax.warps.perspective import PerspectiveWarp, components, compose
+from shadowjax.warps.perspective import PerspectiveWarp, components, from_components
 
 
 class StableFit(WarpFit):
@@ -65,7 +65,7 @@ class StableFit(WarpFit):
             # Straight through: the origin snaps to the lattice, its gradient is that of the origin not snapped.
             lowest = lowest + jax.lax.stop_gradient(jnp.round(lowest / cell) * cell - lowest)
         zero = jnp.zeros_like(size)
-        origin = world_origin + compose(lowest[0], lowest[1], axis)
+        origin = world_origin + from_components(lowest[0], lowest[1], axis)
         return PerspectiveWarp(origin, axis, size, zero, jnp.stack([zero, size]))
 
 

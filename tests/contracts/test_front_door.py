@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import types
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -62,6 +63,50 @@ def test_pages_import_nothing_deeper_than_a_name_of_a_package(page):
             assert module.count(".") <= 1, f"{page.name} imports {module}; use a name of its package"
             offered = {*dir(importlib.import_module(module)), *modules_of(module)}
             assert set(names) <= offered, f"{module} does not offer {set(names) - offered}"
+
+
+def _origin(trees: dict[str, ast.Module], module: str, name: str) -> str:
+    """The module of ours, or the foreign one, that defines a name, with the name it has there."""
+    for node in trees[module].body if module in trees else ():
+        if isinstance(node, ast.ImportFrom):
+            for alias in node.names:
+                if (alias.asname or alias.name) == name:
+                    return _origin(trees, _absolute(module, node), alias.name)
+    return f"{module}.{name}"
+
+
+def _absolute(module: str, node: ast.ImportFrom) -> str:
+    parts = module.split(".")
+    return ".".join([*parts[: len(parts) + 1 - node.level], node.module or ""]) if node.level else node.module or ""
+
+
+def _listed(tree: ast.Module) -> Iterator[str]:
+    """What the `__all__` of a module names."""
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+            yield from (one.value for one in ast.walk(node.value) if isinstance(one, ast.Constant))
+
+
+def test_every_exported_name_has_one_meaning():
+    """Of functions, classes and values; a package or module may be named as what a function of it answers."""
+    trees = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): ast.parse(path.read_text())
+        for path in (ROOT / "shadowjax").rglob("*.py")
+    }
+    origins: dict[str, set[str]] = {}
+    for module, tree in trees.items():
+        for name in _listed(tree):
+            origins.setdefault(name, set()).add(_origin(trees, module, name))
+    for package in PACKAGES:
+        stub = ast.parse((ROOT / package.replace(".", "/") / "__init__.pyi").read_text())
+        for node in stub.body:
+            if isinstance(node, ast.ImportFrom) and node.module:
+                for alias in node.names:
+                    source = _origin(trees, _absolute(package, node), alias.name)
+                    origins.setdefault(alias.asname or alias.name, set()).add(source)
+    assert len(origins) > 700
+    several = {name: {one for one in found if one not in trees} for name, found in origins.items()}
+    assert not {name: found for name, found in several.items() if len(found) > 1}
 
 
 def test_importing_the_package_does_not_import_jax():

@@ -79,7 +79,7 @@ CASES = {
     "exponential_test": Case(F.exponential_test, [UNIT, UNIT[::-1].copy(), np.array(5.0)]),
     "extend": Case(lambda z, beyond: F.extend(z, 2, "lit", beyond), [DEPTH, np.array(1.0)]),
     "fourier_bases": Case(lambda z: F.fourier_bases(z, 3), [DEPTH]),
-    "fourier_step": Case(lambda t: F.fourier_step(t, 5, 1.0), [UNIT - 0.5]),
+    "fourier_test": Case(lambda t: F.fourier_test(t, 5, 1.0), [UNIT - 0.5]),
     "fourier_visibility": Case(
         lambda two, d: F.fourier_visibility(F.fourier_bases(two, 3).mean(1), d), [TWO, UNIT]
     ),

@@ -59,8 +59,9 @@ CALLS = [
     of_view(overhead.overhead_max_z, KNOWN), of_view(overhead.least_error_depth, KNOWN),
     of_view(storage.overhead_storage, KNOWN), of_view(storage.critical_resolution, KNOWN, HALF, DEPTH),
     of_view(storage.storage_z_partitions, KNOWN, warped=False), of_view(storage.storage_parallel, KNOWN),
-    of_view(near_distance.search, is_long=True), of_view(near_distance.solve, objective="storage", section="whole"),
-    of_view(pairs.solve, num_partitions=3, objective="sum", warp="minimax", is_long=True),
+    of_view(near_distance.search, is_long=True),
+    of_view(near_distance.solve_views, objective="storage", section="whole"),
+    of_view(pairs.solve_pairs, num_partitions=3, objective="sum", warp="minimax", is_long=True),
 ]  # fmt: skip
 
 

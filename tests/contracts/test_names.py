@@ -17,15 +17,15 @@ from shadowjax.cli import options
 from shadowjax.cli.console import labelled
 from shadowjax.cli.main import main, parse
 from shadowjax.evaluate.capability import capability
-from shadowjax.filters.registry import FILTERS, POLICIES
+from shadowjax.filters.registry import DEPTH_POLICIES, FILTERS
 from shadowjax.partitions.registry import PARTITIONS
 from shadowjax.presets.names import as_techniques, costs, make_technique
 from shadowjax.rays import BruteForceCaster
 from shadowjax.techniques.names import compose, families, token_names, token_table
-from shadowjax.techniques.registry import ALONE, KINDS, LAYER_DEPTHS, OPTIONS, TECHNIQUES
+from shadowjax.techniques.registry import ALONE, LAYER_DEPTHS, OPTIONS, TECHNIQUES, TOKEN_KINDS
 from shadowjax.warps.registry import WARP_FITS
 
-PARTS = [*PARTITIONS, "asm"], list(WARP_FITS), [*POLICIES, *LAYER_DEPTHS], list(FILTERS), list(OPTIONS)
+PARTS = [*PARTITIONS, "asm"], list(WARP_FITS), [*DEPTH_POLICIES, *LAYER_DEPTHS], list(FILTERS), list(OPTIONS)
 FEW = "z2+minimax+2sm-max+pcf-2x2", "log+vsm"
 BRUTE = BruteForceCaster()  # compiles fastest
 
@@ -39,7 +39,7 @@ def resolved(name):
 
 
 def test_no_token_is_in_two_registries_and_none_has_a_sign_of_the_grammar():
-    names = [name for kind in KINDS.values() for one in kind for name in one] + list(ALONE)
+    names = [name for kind in TOKEN_KINDS.values() for one in kind for name in one] + list(ALONE)
     assert len(names) == len(set(names)) == len(token_names())
     assert not any(set(name) & set("+=: ,") for name in names)
 
@@ -70,10 +70,10 @@ def test_every_depth_and_filter_resolves_or_is_refused_with_a_reason():
         made = resolved(f"{filter_}+{depths}")
         if isinstance(made, str):
             assert "take hard or pcf-KxK with them" in made
-            assert depths in POLICIES
-        elif depths in POLICIES:
+            assert depths in DEPTH_POLICIES
+        elif depths in DEPTH_POLICIES:
             taps = FILTERS[filter_]().num_fetches
-            assert made.filter.num_fetches == taps * POLICIES[depths]().num_depths
+            assert made.filter.num_fetches == taps * DEPTH_POLICIES[depths]().num_depths
         else:
             assert made.layer == LAYER_DEPTHS[depths]()
 
@@ -216,7 +216,7 @@ def test_a_new_filter_is_one_line_in_a_registry(monkeypatch, capsys):
 
 
 def test_defaults_are_built_of_the_registries():
-    assert {*FILTERS, *POLICIES, *LAYER_DEPTHS, *ALONE} <= set(TECHNIQUES)
+    assert {*FILTERS, *DEPTH_POLICIES, *LAYER_DEPTHS, *ALONE} <= set(TECHNIQUES)
     assert compose("hard").caster == sj.Exact().caster != BruteForceCaster()
 
 

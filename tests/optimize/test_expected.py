@@ -7,7 +7,7 @@ import pytest
 
 from shadowjax import DirectionalLight, PerspectiveFit, make_scene
 from shadowjax.geometry.light import PointLight
-from shadowjax.optimize.viewed.expected import ExpectedError, Settings, error_and_slope
+from shadowjax.optimize.viewed.expected import ExpectedError, MapSettings, error_and_slope
 from shadowjax.rays.brute import BruteForceCaster
 
 SIZES = {"width": 24, "height": 18, "resolution": 24, "caster": BruteForceCaster()}
@@ -30,7 +30,7 @@ def test_it_tells_the_error_of_the_map_itself(expected):
     # One map has one placement: the bound is the spread over placements of so few pixels.
     for at in (np.asarray(expected.published), np.array([0.1, 1.0, 0.3])):
         soft = float(jnp.exp(error_and_slope(expected, at)[0]))
-        assert expected.measured(Settings.of(jnp.asarray(at)), SIZES["caster"]) == pytest.approx(soft, rel=0.15)
+        assert expected.measured(MapSettings.of(jnp.asarray(at)), SIZES["caster"]) == pytest.approx(soft, rel=0.15)
 
 
 def test_the_published_bend_is_the_warp_of_that_rule(expected):

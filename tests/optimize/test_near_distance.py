@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from views import random_frusta
 
-from shadowjax.optimize.analytic.near_distance import OBJECTIVES, near_distance
+from shadowjax.optimize.analytic.near_distance import WARP_OBJECTIVES, near_distance
 from shadowjax.theory.aliasing.error import max_error_x, max_error_z, storage_factor
 from shadowjax.theory.aliasing.near_distances import generalised
 from shadowjax.theory.aliasing.optimal import balanced, least_storage, minimax
@@ -19,7 +19,7 @@ def fields(frusta):
 
 
 @pytest.mark.parametrize("section", ["axis", "whole"])
-@pytest.mark.parametrize("objective", OBJECTIVES)
+@pytest.mark.parametrize("objective", WARP_OBJECTIVES)
 def test_search_meets_the_closed_form(objective, section):
     frusta = random_frusta(COUNT, seed=2)
     found = near_distance(*fields(frusta), section, objective)

@@ -10,7 +10,7 @@ import pytest
 from beam_errors import slice_errors
 
 import shadowjax as sj
-from shadowjax.optimize.analytic.near_distance import OBJECTIVES
+from shadowjax.optimize.analytic.near_distance import WARP_OBJECTIVES
 
 VIEW = (1.0, 40.0, 0.5, 1.0)
 JOINED = {"z": lambda x, z: z, "storage": lambda x, z: x * z, "both": np.maximum}
@@ -72,7 +72,7 @@ def test_an_objective_of_the_user_s_is_searched_and_differentiated():
 
 
 def test_one_line_adds_an_objective(monkeypatch):
-    monkeypatch.setitem(OBJECTIVES, "mine", lambda q, frustum: q / frustum.near + frustum.near / q)
+    monkeypatch.setitem(WARP_OBJECTIVES, "mine", lambda q, frustum: q / frustum.near + frustum.near / q)
     np.testing.assert_allclose(sj.optimize.near_distance(*VIEW, objective="mine").value, 1.0, rtol=1e-6)
 
 

@@ -8,7 +8,7 @@ from shapes import random_soup
 
 from shadowjax import BruteForceCaster, _checks
 from shadowjax.geometry.light_space import PerspectiveSpace
-from shadowjax.rays.bands import depth_bands, depth_map, row_band
+from shadowjax.rays.bands import depth_bands, depth_by_bands, row_band
 from shadowjax.rays.bvh.caster import BvhCaster
 from shadowjax.rays.grid.caster import GridCaster
 from shadowjax.rays.plane_map import Box
@@ -38,7 +38,7 @@ def test_bands_are_the_whole_map_bit_for_bit(caster, tmp_path):
     else:
         np.testing.assert_array_equal(np.concatenate(list(bands.values())), expected)
         disk = np.lib.format.open_memmap(tmp_path / "depth.npy", "w+", np.float32, (ROWS, COLS))
-        assert depth_map(made, mesh, grid, disk, rows=8) is disk
+        assert depth_by_bands(made, mesh, grid, disk, rows=8) is disk
         np.testing.assert_array_equal(np.load(tmp_path / "depth.npy"), expected)
 
 
@@ -63,7 +63,7 @@ def test_what_does_not_fit_is_said_before_it_is_tried(monkeypatch):
     huge = RayGrid(grid.space, grid.plane_map, grid.far, 2**14, 2**14)
     monkeypatch.setattr(_checks, "available_memory", lambda: 2**29)
     with pytest.raises(ValueError, match=r"16384 × 16384 needs about 1.0 GiB, and 0.5 GiB are left; use .*`out`"):
-        depth_map(BruteForceCaster(), mesh, huge)
+        depth_by_bands(BruteForceCaster(), mesh, huge)
     with pytest.raises(ValueError, match="fewer rows in a band"):
         next(depth_bands(BruteForceCaster(), mesh, huge, rows=1024))
     monkeypatch.setattr(_checks, "available_memory", lambda: 2**10)
@@ -78,4 +78,4 @@ def test_bands_refuse_wrong_sizes():
     with pytest.raises(ValueError, match=r"rows 20 to 22 do not fit a grid of 21 rows"):
         row_band(grid, 20, 2)
     with pytest.raises(ValueError, match=r"shape of the grid, \(21, 12\); got \(3, 3\)"):
-        depth_map(BruteForceCaster(), mesh, grid, np.zeros((3, 3), np.float32))
+        depth_by_bands(BruteForceCaster(), mesh, grid, np.zeros((3, 3), np.float32))

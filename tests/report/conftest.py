@@ -3,10 +3,10 @@
 import pytest
 
 from shadowjax.rays.brute import BruteForceCaster
-from shadowjax.report import Settings, collect
+from shadowjax.report import ReportSettings, collect
 from shadowjax.scenes import make_scene
 
-TINY = Settings(
+TINY = ReportSettings(
     techniques=("hard", "pcf-2x2", "3sm", "exact"), width=32, height=24, resolution=24, equations=("asm",), sweep=False
 )
 

@@ -24,7 +24,15 @@ from shadowjax.optimize.analytic._joint_conditions import (
     log_jumps,
     log_storages,
 )
-from shadowjax.optimize.analytic.slices import KIND, OBJECTIVES, WARPS, Slices, equal_ratios, similar, total
+from shadowjax.optimize.analytic.slices import (
+    SLICES_KIND,
+    SPLIT_OBJECTIVES,
+    WARPS,
+    Slices,
+    equal_ratios,
+    similar,
+    total,
+)
 from shadowjax.optimize.solution import Solution, ended
 from shadowjax.theory.aliasing.error import storage_factor
 from shadowjax.theory.aliasing.light_frustum import SECTIONS, LightFrustum, Section
@@ -149,7 +157,7 @@ def joint_splits(
 
     Source: warping, eq. 50, 51 and 55, and the text on seams; the optimum is derived here.
     """
-    require_choice(objective, "objective", OBJECTIVES)
+    require_choice(objective, "objective", SPLIT_OBJECTIVES)
     require_choice(warp, "warp", JOINT_WARPS)
     checked: Section = require_choice(section, "section", SECTIONS)
     view = LightFrustum.create(near, far, phi, gamma)
@@ -382,7 +390,7 @@ def _report(view: LightFrustum, limit: Array, point: Any, kind: Problem) -> Join
     value = Slices.between(view, log_ratios, distance)
     # What no step lowers any more and is not stationary to the precision of the numbers.
     result = ended(converged, optx.RESULTS.stagnation)
-    return Solution(value, storage, baselines, certificate, result, view, KIND)
+    return Solution(value, storage, baselines, certificate, result, view, SLICES_KIND)
 
 
 __all__ = ["JOINT_WARPS", "JointCertificate", "JointSlices", "joint_splits"]

@@ -12,7 +12,7 @@ from shadowjax._checked import Checked, checked
 from shadowjax._checks import require_choice
 from shadowjax._numerics import larger, largest
 from shadowjax._types import Array, ArrayLike, Float
-from shadowjax.optimize.solution import Kind, Solution, ended, with_slices
+from shadowjax.optimize.solution import Solution, SolutionKind, ended, with_slices
 from shadowjax.theory.aliasing.error import error_pieces, max_error_x, max_error_z, storage_factor
 from shadowjax.theory.aliasing.light_frustum import SECTIONS, LightFrustum, Section
 from shadowjax.theory.aliasing.near_distances import generalised
@@ -51,7 +51,7 @@ def _larger(near_distance: Array, frustum: LightFrustum, section: Section) -> Ar
 
 
 # Each is an `Objective`, or a function of n' and frustum as users give it; one line each.
-OBJECTIVES: dict[str, Objective | Rated] = {
+WARP_OBJECTIVES: dict[str, Objective | Rated] = {
     "z": Objective(_of_frustum(max_error_z), "z", minimax),
     "storage": Objective(_of_frustum(storage_factor), "storage", least_storage),
     "both": Objective(_larger, "both", lambda frustum, section: balanced(frustum, section=section)),
@@ -67,7 +67,7 @@ def objective_of(objective: str | Rated) -> Objective:
     """
     found: Any = objective
     if isinstance(objective, str):
-        found = OBJECTIVES[require_choice(objective, "objective", OBJECTIVES)]
+        found = WARP_OBJECTIVES[require_choice(objective, "objective", WARP_OBJECTIVES)]
     if isinstance(found, Objective):
         return found
 
@@ -109,7 +109,7 @@ class Certificate(Checked):
 
 NearDistance = Solution[Float[Array, "*views"], Certificate]
 
-KIND = Kind(
+_KIND = SolutionKind(
     (
         ("near_distance", "value"), ("error", "objective_value"), ("published", "certificate.published"),
         ("gain", "gain"), ("certificate", "certificate"),
@@ -160,7 +160,7 @@ def _search_each(frustum: LightFrustum, objective: str | Rated, section: Section
 
 
 @checked
-def solve(frustum: LightFrustum, objective: str | Rated = "z", section: Section = "axis") -> NearDistance:
+def solve_views(frustum: LightFrustum, objective: str | Rated = "z", section: Section = "axis") -> NearDistance:
     """Search and certificate of every view."""
     objective_of(objective)
     return _solve_each(frustum, objective, section)
@@ -200,7 +200,7 @@ def _solve(frustum: LightFrustum, asked: Objective, section: Section) -> NearDis
     # Falling before, rising after, up to what a step of √ε can say; the uniform map needs no rise after it.
     stands = (below <= 1e3 * step) & ((above >= -1e3 * step) | (distance > flat))
     baselines = {"published": value(published), "uniform": value(frustum.uniform_near_distance)}
-    return Solution(distance, best, baselines, certificate, ended(jnp.isfinite(best) & stands), frustum, KIND)
+    return Solution(distance, best, baselines, certificate, ended(jnp.isfinite(best) & stands), frustum, _KIND)
 
 
 @checked
@@ -237,12 +237,11 @@ def near_distance(
     Source: warping, eq. 37–42; the optima below γ_lim and over the whole section are derived here.
     """
     checked: Section = require_choice(section, "section", SECTIONS)
-    return solve(LightFrustum.create(near, far, phi, gamma), objective, checked)
+    return solve_views(LightFrustum.create(near, far, phi, gamma), objective, checked)
 
 
 __all__ = [
-    "KIND",
-    "OBJECTIVES",
+    "WARP_OBJECTIVES",
     "Certificate",
     "NearDistance",
     "Objective",
@@ -250,5 +249,5 @@ __all__ = [
     "near_distance",
     "objective_of",
     "search",
-    "solve",
+    "solve_views",
 ]

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from shadowjax._checked import Checked, checked
 from shadowjax._numerics import safe_divide
 from shadowjax._types import Array, Float
-from shadowjax.optimize.analytic.slices import KIND, WARPS, Slices, equal_ratios, similar, storages, total
+from shadowjax.optimize.analytic.slices import SLICES_KIND, WARPS, Slices, equal_ratios, similar, storages, total
 from shadowjax.optimize.solution import Solution, ended
 from shadowjax.theory.aliasing import near_distances
 from shadowjax.theory.aliasing.error import error_pieces
@@ -121,7 +121,7 @@ class _Pair(eqx.Module):
 
 
 @checked
-def solve(
+def solve_pairs(
     view: LightFrustum, num_partitions: int, objective: str = "max", warp: str = "uniform", section: Section = "axis"
 ) -> Solution[Slices, PairCertificate]:
     """Planes and certificate of every view; planes stand along a last axis of their own."""
@@ -161,7 +161,7 @@ def _solve(
 
     storage = total(each, objective)
     certificate = PairCertificate(spread(slopes), spread(each), k // 2 + 1)
-    return Solution(value, storage, baselines, certificate, ended(jnp.isfinite(storage)), view, KIND)
+    return Solution(value, storage, baselines, certificate, ended(jnp.isfinite(storage)), view, SLICES_KIND)
 
 
-__all__ = ["PairCertificate", "solve"]
+__all__ = ["PairCertificate", "solve_pairs"]

@@ -5,13 +5,13 @@ import jax.numpy as jnp
 from shadowjax._checked import Checked, checked
 from shadowjax._numerics import largest
 from shadowjax._types import Array, Float
-from shadowjax.optimize.solution import Kind, with_slices
+from shadowjax.optimize.solution import SolutionKind, with_slices
 from shadowjax.theory.aliasing import near_distances
 from shadowjax.theory.aliasing.error import storage_factor
 from shadowjax.theory.aliasing.light_frustum import LightFrustum, Section
 from shadowjax.theory.aliasing.optimal import least_storage, minimax
 
-OBJECTIVES = ("max", "sum")
+SPLIT_OBJECTIVES = ("max", "sum")
 
 # How each named warp picks n'; one line a rule.
 WARPS = {
@@ -42,7 +42,7 @@ class Slices(Checked):
         return cls(cuts, near_distances * cuts[:-1])
 
 
-KIND = Kind(
+SLICES_KIND = SolutionKind(
     (
         ("splits", "value.cuts"), ("storage", "objective_value"), ("near_distances", "value.near_distances"),
         ("baselines", "baselines"), ("gain", "gain"), ("certificate", "certificate"), ("result", "text"),
@@ -86,4 +86,4 @@ def equal_ratios(
     return {name: total(storages(view, lengths, rule, section), objective) for name, rule in rules.items()}
 
 
-__all__ = ["KIND", "OBJECTIVES", "WARPS", "Slices", "equal_ratios", "similar", "storages", "total"]
+__all__ = ["SLICES_KIND", "SPLIT_OBJECTIVES", "WARPS", "Slices", "equal_ratios", "similar", "storages", "total"]

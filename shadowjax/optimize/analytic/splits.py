@@ -6,7 +6,7 @@ from shadowjax._types import ArrayLike
 from shadowjax.optimize.analytic import pairs
 from shadowjax.optimize.analytic.joint import JOINT_WARPS, JointCertificate, joint_splits
 from shadowjax.optimize.analytic.pairs import PairCertificate
-from shadowjax.optimize.analytic.slices import OBJECTIVES, Slices
+from shadowjax.optimize.analytic.slices import SPLIT_OBJECTIVES, Slices
 from shadowjax.optimize.solution import Solution
 from shadowjax.theory.aliasing.light_frustum import SECTIONS, LightFrustum, Section
 
@@ -58,13 +58,13 @@ def splits(
 
     Source: warping, eq. 50–51, for any γ; eq. 55 and the text on seams.
     """
-    require_choice(objective, "objective", OBJECTIVES)
+    require_choice(objective, "objective", SPLIT_OBJECTIVES)
     require_choice(warp, "warp", JOINT_WARPS)
     checked: Section = require_choice(section, "section", SECTIONS)
     if seam_limit is not None or warp == "free":
         return joint_splits(near, far, phi, gamma, num_partitions, objective, warp, seam_limit, section)
     k = require_int(num_partitions, "the number of partitions k", 1)
-    return pairs.solve(LightFrustum.create(near, far, phi, gamma), k, objective, warp, checked)
+    return pairs.solve_pairs(LightFrustum.create(near, far, phi, gamma), k, objective, warp, checked)
 
 
 __all__ = ["splits"]

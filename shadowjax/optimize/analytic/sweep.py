@@ -11,7 +11,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice, require_value
 from shadowjax._types import Array, ArrayLike, Float, as_float_array
-from shadowjax.optimize.solution import Kind, Solution, ended, with_slices
+from shadowjax.optimize.solution import Solution, SolutionKind, ended, with_slices
 from shadowjax.techniques.shadow_mapping import ShadowMapping
 from shadowjax.theory.aliasing.error import max_error_x, max_error_z, storage_factor
 from shadowjax.theory.aliasing.light_frustum import SECTIONS, LightFrustum, Section
@@ -59,7 +59,7 @@ def _frozen(found: Any, resolution: int, options: dict[str, Any]) -> ShadowMappi
     return with_slices(cuts, found.value * cuts[:-1], resolution, options)
 
 
-KIND = Kind(
+_KIND = SolutionKind(
     (
         ("near_distance", "value"), ("error", "objective_value"), ("baselines", "baselines"), ("gain", "gain"),
         ("certificate", "certificate"), ("result", "text"),
@@ -82,7 +82,7 @@ def _one(gamma: Array, ratio: Array, phi: Array, k: Array, section: Section) -> 
         total(old), total(even),
     )  # fmt: skip
     baselines = {"published": max_error_z(part, old, section), "uniform": max_error_z(part, even, section)}
-    return Solution(best, error, baselines, beside, ended(jnp.isfinite(error)), _Point(part, k), KIND)
+    return Solution(best, error, baselines, beside, ended(jnp.isfinite(error)), _Point(part, k), _KIND)
 
 
 @eqx.filter_jit

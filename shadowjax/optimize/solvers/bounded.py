@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int, require_untraced
 from shadowjax._types import ArrayLike
-from shadowjax.optimize.solution import Kind, Solution
+from shadowjax.optimize.solution import Solution, SolutionKind
 
 ValueAndSlope = Callable[[np.ndarray], tuple[ArrayLike, ArrayLike]]
 
@@ -45,7 +45,7 @@ class SearchCertificate(Checked):
         return int((self.losses <= self.losses.min() + within).sum())
 
 
-KIND = Kind(
+_KIND = SolutionKind(
     (
         ("parameters", "value"), ("loss", "objective_value"), ("baselines", "baselines"),
         ("certificate", "certificate"), ("result", "text"),
@@ -106,7 +106,7 @@ def minimise_multistart(
         found.slope, at_bound, found.history, found.reason, np.stack(begun), ends, losses, reasons
     )
     before = {"start": jnp.asarray(min(one.first for one in searches))}
-    return Solution(found.end, jnp.asarray(found.loss), before, certificate, found.result, None, KIND)
+    return Solution(found.end, jnp.asarray(found.loss), before, certificate, found.result, None, _KIND)
 
 
 class _Search(NamedTuple):
@@ -153,4 +153,4 @@ def _search(
     return _Search(end, float(found.fun), left, np.stack(history), reason, result, first)
 
 
-__all__ = ["KIND", "SearchCertificate", "ValueAndSlope", "minimise_multistart"]
+__all__ = ["SearchCertificate", "ValueAndSlope", "minimise_multistart"]

@@ -12,12 +12,12 @@ import optimistix as optx
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int, require_untraced
 from shadowjax._types import Float, Int
-from shadowjax.optimize.solution import Kind, Solution
+from shadowjax.optimize.solution import Solution, SolutionKind
 
 # Memory of slopes and of their squares; and the part of the first loss that a settled search may still lose.
 MEAN, SQUARE, SETTLED = 0.8, 0.95, 0.05
 
-ValueAndSlope = Callable[[np.ndarray], tuple[float, Any, np.ndarray]]
+LossAndSlope = Callable[[np.ndarray], tuple[float, Any, np.ndarray]]
 
 
 class DescentCertificate(Checked):
@@ -38,7 +38,7 @@ class DescentCertificate(Checked):
     reason: str = eqx.field(static=True)
 
 
-KIND = Kind(
+_KIND = SolutionKind(
     (
         ("vertices", "value"), ("loss", "objective_value"), ("baselines", "baselines"), ("gain", "gain"),
         ("losses", "certificate.losses"), ("reason", "certificate.reason"), ("result", "text"),
@@ -71,7 +71,7 @@ def diffuser(faces: Int[np.ndarray, "faces 3"], num_vertices: int, amount: float
 
 @checked
 def descend(
-    value_and_slope: ValueAndSlope,
+    value_and_slope: LossAndSlope,
     start: Float[np.ndarray, "n 3"],
     spread: Float[np.ndarray, "n n"],
     num_steps: int,
@@ -143,7 +143,7 @@ def descend(
     finite = bool(result != optx.RESULTS.nonfinite)
     certificate = DescentCertificate(np.array(losses), np.stack(places), tuple(others), finite, reason)
     start_loss, loss = (jnp.asarray(losses[i], float) for i in (0, -1))
-    return Solution(places[-1], loss, {"start": start_loss}, certificate, result, None, KIND)
+    return Solution(places[-1], loss, {"start": start_loss}, certificate, result, None, _KIND)
 
 
 def _share(step: int, num_steps: int) -> float:
@@ -151,4 +151,4 @@ def _share(step: int, num_steps: int) -> float:
     return 0.55 + 0.45 * math.cos(math.pi * step / num_steps)
 
 
-__all__ = ["KIND", "DescentCertificate", "ValueAndSlope", "descend", "diffuser"]
+__all__ = ["DescentCertificate", "LossAndSlope", "descend", "diffuser"]

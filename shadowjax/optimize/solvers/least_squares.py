@@ -12,7 +12,7 @@ import optimistix as optx
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_int, require_untraced
 from shadowjax._types import Array, ArrayLike, Float
-from shadowjax.optimize.solution import Kind, Solution
+from shadowjax.optimize.solution import Solution, SolutionKind
 
 # Damping, as a part of each parameter's own curvature: at first, and how it changes.
 DAMPING, LOWER, RAISE, STUCK = 1e-2, 0.2, 6.0, 1e10
@@ -38,7 +38,7 @@ class RecoveryCertificate(Checked):
     tried: int = eqx.field(static=True)
 
 
-KIND = Kind(
+_KIND = SolutionKind(
     (
         ("parameters", "value"), ("loss", "objective_value"), ("baselines", "baselines"), ("gain", "gain"),
         ("certificate", "certificate"), ("result", "text"),
@@ -107,7 +107,7 @@ def recover(
     losses = np.array(best.losses)
     certificate = RecoveryCertificate(np.stack(best.history), losses, bool(losses[-1] <= target), best.reason, tried)
     before = {"start": jnp.asarray(losses[0])}
-    return Solution(best.history[-1], jnp.asarray(losses[-1]), before, certificate, best.result, None, KIND)
+    return Solution(best.history[-1], jnp.asarray(losses[-1]), before, certificate, best.result, None, _KIND)
 
 
 class _Way(NamedTuple):
@@ -171,4 +171,4 @@ def _evaluate(residual: Residual, parameters: Array) -> tuple[np.ndarray, np.nda
     return rest, slopes, 0.5 * float(rest @ rest) if finite else float("inf")
 
 
-__all__ = ["KIND", "RecoveryCertificate", "Residual", "linearized", "recover"]
+__all__ = ["RecoveryCertificate", "Residual", "linearized", "recover"]

@@ -1,8 +1,5 @@
 """The bias of least error over a scene: every kind by search, next to the default that theory gives."""
 
-import dataclasses
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -16,12 +13,12 @@ from shadowjax.bias.rule import Bias, BiasRule
 from shadowjax.evaluate.acne import needed_bias
 from shadowjax.evaluate.slope_limits import SlopeLimit, slope_limit, told
 from shadowjax.filters.base import Filter
-from shadowjax.optimize.solution import Kind, Solution, ended, with_maps
-from shadowjax.optimize.viewed.views import Viewed, Views, as_maps, as_views, error_of
+from shadowjax.optimize.solution import Solution, SolutionKind, ended, with_maps
+from shadowjax.optimize.viewed.views import Viewed, Views, as_maps, as_views, error_of, filter_of, parts_of
 from shadowjax.techniques.base import Technique
-from shadowjax.techniques.shadow_mapping import MappedShadows, ShadowMapping
+from shadowjax.techniques.shadow_mapping import MappedShadows
 
-UNITS = ("world", "texel", "slope", "normal")
+SEARCHED_UNITS = ("world", "texel", "slope", "normal")
 ROUNDS = 3  # of the grid: each looks closer round the best value of the one before
 
 
@@ -46,14 +43,7 @@ class BiasCertificate(Checked):
     slope_limit: SlopeLimit | None = eqx.field(static=True, default=None)
 
 
-def _parts(searched: ShadowMapping | Filter) -> dict[str, Any]:
-    """Fields of the shadow maps whose bias was searched."""
-    if isinstance(searched, Filter):
-        return {"filter": searched}
-    return {item.name: getattr(searched, item.name) for item in dataclasses.fields(searched)}
-
-
-KIND = Kind(
+_KIND = SolutionKind(
     (
         ("unit", "certificate.unit"), ("value", "value.value"), ("error", "objective_value"),
         ("default_error", "baselines.default"), ("default_slope", "certificate.default_slope"),
@@ -63,7 +53,7 @@ KIND = Kind(
     ),
     rival="default",
     technique=lambda found, resolution, options: with_maps(
-        resolution, options, **_parts(found.problem), bias=found.value
+        resolution, options, **{**parts_of(found.problem), "bias": found.value}
     ),
 )  # fmt: skip
 
@@ -113,11 +103,11 @@ def bias(
         SceneWarning: Where the limit of the default slope bias leaves acne, with the remedy.
     """
     require_untraced("bias", views, technique)
-    require_choice(unit, "bias unit", UNITS)
+    require_choice(unit, "bias unit", SEARCHED_UNITS)
     require_int(num_values, "the number of values", 5)
     views = as_views(views)
     searched = as_maps(technique, views[0].resolution)
-    filter_ = searched if isinstance(searched, Filter) else searched.filter
+    filter_ = filter_of(searched)
     built = [view.build(searched) for view in views]
 
     def errors(values: np.ndarray, kind: str = unit) -> np.ndarray:
@@ -157,7 +147,7 @@ def bias(
     baselines = {"default": number(default), "none": number(tried[0.0])}
     error = number(tried[value])
     rule = rule_of(unit, number(value))
-    return Solution(rule, error, baselines, certificate, ended(jnp.isfinite(error)), searched, KIND)
+    return Solution(rule, error, baselines, certificate, ended(jnp.isfinite(error)), searched, _KIND)
 
 
 def _largest(views: tuple[Viewed, ...], filter_: Filter, unit: str) -> float:
@@ -182,4 +172,4 @@ def _needed(views: tuple[Viewed, ...], filter_: Filter) -> float:
     )
 
 
-__all__ = ["UNITS", "BiasCertificate", "bias", "rule_of"]
+__all__ = ["SEARCHED_UNITS", "BiasCertificate", "bias", "rule_of"]

@@ -42,7 +42,7 @@ SUN_RAYS = 12  # directions that stand for the sun's disc
 PATTERN = np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), axis=-1).reshape(-1, 2)
 
 
-class Settings(Checked):
+class MapSettings(Checked):
     """What is chosen for one map.
 
     Attributes:
@@ -56,7 +56,7 @@ class Settings(Checked):
     width: Scalar
 
     @classmethod
-    def of(cls, numbers: Float[Array, "3"]) -> "Settings":
+    def of(cls, numbers: Float[Array, "3"]) -> "MapSettings":
         """From bend, bias and width in a vector."""
         return cls(numbers[0], numbers[1], numbers[2])
 
@@ -147,7 +147,7 @@ class ExpectedError(Checked):
         warp = PerspectiveFit(bend=bend).fit(space, self.light, self.mesh, self.camera)
         return RayGrid(space, warp, self.fine.grid.far, self.resolution, self.resolution, self.fine.grid.seen)
 
-    def visibility(self, settings: Settings) -> Float[Array, "points placements"]:
+    def visibility(self, settings: MapSettings) -> Float[Array, "points placements"]:
         """What the filter answers for every receiver and place inside a texel."""
         grid = self.grid(settings.bend)
         position, depth = grid.locate(self.points)
@@ -191,18 +191,18 @@ class ExpectedError(Checked):
                 value = value + share * ramp * ramp * (3 - 2 * ramp)
         return jnp.where(is_outside(position, rows, cols), jnp.ones_like(value), value)
 
-    def error(self, settings: Settings) -> Float[Array, ""]:
+    def error(self, settings: MapSettings) -> Float[Array, ""]:
         """Root of the weighted mean squared error, softened, over all receivers and placements."""
         # First over the placements of a receiver, then over receivers by weight.
         each = jnp.mean((self.visibility(settings) - self.exact[:, None]) ** 2, axis=-1)
         return jnp.sqrt(jnp.sum(self.weight * each))
 
-    def seen(self, settings: Settings, caster: Caster | None = None) -> Float[Array, "points"]:
+    def seen(self, settings: MapSettings, caster: Caster | None = None) -> Float[Array, "points"]:
         """Visibility by the shadow map itself: cast, filtered by tests, read at the receivers."""
         shadows = settings.technique(self.resolution, caster).build(self.mesh, self.light, self.camera)
         return _visibility(shadows, self.points, self.normals)
 
-    def measured(self, settings: Settings, caster: Caster | None = None) -> float:
+    def measured(self, settings: MapSettings, caster: Caster | None = None) -> float:
         """The error of `seen`."""
         return float(jnp.sqrt(jnp.sum(self.weight * (self.seen(settings, caster) - self.exact) ** 2)))
 
@@ -246,7 +246,7 @@ def _truth(view: View, scene: Scene, light: DirectionalLight, radius: float, cas
 def error_and_slope(expected: ExpectedError, numbers: ArrayLike) -> tuple[Array, Array]:
     """ln of the expected error at bend, bias and width, and its slope."""
     at = jnp.asarray(numbers, expected.exact.dtype)
-    return jax.value_and_grad(lambda x: jnp.log(expected.error(Settings.of(x))))(at)
+    return jax.value_and_grad(lambda x: jnp.log(expected.error(MapSettings.of(x))))(at)
 
 
-__all__ = ["PATTERN", "ExpectedError", "Settings", "error_and_slope"]
+__all__ = ["PATTERN", "ExpectedError", "MapSettings", "error_and_slope"]

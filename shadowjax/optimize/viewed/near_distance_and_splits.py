@@ -16,7 +16,7 @@ from shadowjax._checks import require, require_choice, require_int, undifferenti
 from shadowjax._numerics import larger, safe_divide
 from shadowjax._types import Array, Float, Scalar
 from shadowjax.optimize.analytic.slices import Slices
-from shadowjax.optimize.solution import Kind, Solution, ended, with_slices
+from shadowjax.optimize.solution import Solution, SolutionKind, ended, with_slices
 from shadowjax.optimize.viewed.seen_pixels import (
     Chart,
     SeenPixels,
@@ -57,7 +57,7 @@ def _technique(found: Any, resolution: int, options: dict[str, Any]) -> ShadowMa
     return with_slices(jnp.stack([view.near, view.far]), found.value[None], resolution, options)
 
 
-NEAR_DISTANCE = Kind(
+NEAR_DISTANCE = SolutionKind(
     (
         ("near_distance", "value"), ("error", "objective_value"), ("baselines", "baselines"), ("gain", "gain"),
         ("certificate", "certificate"), ("result", "text"),
@@ -99,7 +99,7 @@ def _worst(pixels: SeenPixels, chart: Chart) -> tuple[Array, LogError]:
 
 
 # The bend of least error, and ln of the error at any; one line each. Or a function of n' and pixels, as users give it.
-OBJECTIVES: dict[str, Callable[[SeenPixels, Chart], tuple[Array, LogError]]] = {"mean": _mean, "worst": _worst}
+SEEN_OBJECTIVES: dict[str, Callable[[SeenPixels, Chart], tuple[Array, LogError]]] = {"mean": _mean, "worst": _worst}
 
 
 def _given(objective: Rated, pixels: SeenPixels, chart: Chart) -> tuple[Array, LogError]:
@@ -140,7 +140,7 @@ def near_distance_for_view(pixels: SeenPixels, objective: str | Rated = "mean") 
     frustum = pixels.frustum
     chart = chart_between(pixels, frustum.near, frustum.far)
     if isinstance(objective, str):
-        bend, log_error = OBJECTIVES[require_choice(objective, "objective", OBJECTIVES)](pixels, chart)
+        bend, log_error = SEEN_OBJECTIVES[require_choice(objective, "objective", SEEN_OBJECTIVES)](pixels, chart)
     else:
         bend, log_error = _given(objective, pixels, chart)
     before = chart.extent / (chart.extent + generalised(frustum))
@@ -188,7 +188,7 @@ class GridCertificate(Checked):
     coarser: Scalar
 
 
-SPLITS = Kind(
+SPLITS = SolutionKind(
     (
         ("splits", "value.cuts"), ("near_distances", "value.near_distances"), ("error", "objective_value"),
         ("baselines", "baselines"), ("gain", "gain"), ("certificate", "certificate"), ("result", "text"),
@@ -304,6 +304,6 @@ def _best_chain(table: Float[Array, "planes planes"], k: int) -> tuple[Array, Sc
 
 
 __all__ = [
-    "OBJECTIVES", "GridCertificate", "SeenCertificate", "SeenPixels", "mean_error", "near_distance_for_view",
+    "SEEN_OBJECTIVES", "GridCertificate", "SeenCertificate", "SeenPixels", "mean_error", "near_distance_for_view",
     "seen_pixels", "splits_for_view",
 ]  # fmt: skip

@@ -13,13 +13,16 @@ from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice, require_int, require_untraced
 from shadowjax._types import Array, Float, Int, Scalar
 from shadowjax.bias.rule import Bias
+from shadowjax.filters.base import Filter
 from shadowjax.filters.chosen_depths import Cells, Ranks, neighbourhood_cells, ranked
+from shadowjax.filters.hard import Hard
 from shadowjax.filters.multi_depth import DepthPolicy, MultiDepth, ring_offsets, shifted
 from shadowjax.filters.offset_pcf import OffsetPercentageCloser
-from shadowjax.filters.pcf import kernel_offsets, percentage_closer_of
-from shadowjax.optimize.solution import Kind, Solution, ended, with_maps
-from shadowjax.optimize.viewed.views import Viewed, Views, as_views
-from shadowjax.techniques.shadow_mapping import ShadowMapping
+from shadowjax.filters.pcf import BilinearPercentageCloser, PercentageCloser, kernel_offsets, percentage_closer_of
+from shadowjax.optimize.solution import Solution, SolutionKind, ended, with_maps
+from shadowjax.optimize.viewed.views import Viewed, Views, as_maps, as_views, filter_of, parts_of, refiltered
+from shadowjax.techniques.base import Technique
+from shadowjax.techniques.shadow_mapping import MappedShadows, ShadowMapping
 
 CANDIDATES = ("ranks", "cells")
 
@@ -45,11 +48,24 @@ class DepthCertificate(Checked):
 
 
 def _technique(found: Any, resolution: int, options: dict[str, Any]) -> ShadowMapping:
-    filter_, texels = found.problem
-    return with_maps(resolution, options, filter=filter_, bias=Bias(texels, "slope"))
+    searched, texels = found.problem
+    return with_maps(resolution, options, **{**parts_of(searched), "bias": Bias(texels, "slope")})
 
 
-DEPTHS = Kind(
+def _kernel_size(filter_: Filter) -> int:
+    """K of a filter that counts tests one texel apart."""
+    if isinstance(filter_, Hard):
+        return 1
+    counts = isinstance(filter_, PercentageCloser | BilinearPercentageCloser | MultiDepth)
+    if not counts or getattr(filter_, "width_world", None) is not None:
+        raise ValueError(
+            f"taps and depths are searched for filters that count tests one texel apart; got {type(filter_).__name__}: "
+            "take a technique with hard, pcf-KxK or pcf-bilinear-KxK"
+        )
+    return filter_.kernel_size
+
+
+DEPTHS = SolutionKind(
     (
         ("candidates", "certificate.candidates"), ("chosen", "certificate.chosen"),
         ("kernel_size", "certificate.kernel_size"), ("error", "objective_value"),
@@ -62,16 +78,21 @@ DEPTHS = Kind(
 
 
 @eqx.filter_jit
-def _plane_visibilities(view: Viewed, candidates: str, kernel_size: int) -> Float[Array, "planes points"]:
+def _plane_visibilities(
+    shadows: MappedShadows, view: Viewed, candidates: str, kernel_size: int
+) -> Float[Array, "planes points"]:
     """PCF over each candidate plane alone, the own depth first; a composite test is the mean of some of them."""
-    shadows = view.shadows
-    shadow_map = shadows.maps[0]
     cells = [cell for cell in neighbourhood_cells(3) if cell != (0, 0)]
-    others = ranked(shadow_map.depth) if candidates == "ranks" else _stacked(shadow_map.depth, cells)
-    planes = jnp.concatenate([shadow_map.depth[None], others])
-    biased = eqx.tree_at(lambda s: s.bias.value, shadows, jnp.asarray(_bias(kernel_size), shadow_map.depth.dtype))
-    lookup = biased.lookup(shadow_map, view.points, view.normals)
-    return jnp.stack([percentage_closer_of(plane[None], lookup, kernel_size) for plane in planes])
+    dtype = shadows.maps[0].depth.dtype
+    biased = eqx.tree_at(lambda s: s.bias, shadows, Bias(jnp.asarray(_bias(kernel_size), dtype), "slope"))
+    shares = shadows.partition.shares(shadows.grids, shadows.camera, view.points)
+    total = jnp.maximum(1 - sum(shares), 0)  # lit where no map answers
+    for share, shadow_map in zip(shares, shadows.maps, strict=True):
+        others = ranked(shadow_map.depth) if candidates == "ranks" else _stacked(shadow_map.depth, cells)
+        planes = jnp.concatenate([shadow_map.depth[None], others])
+        lookup = biased.lookup(shadow_map, view.points, view.normals)
+        total = total + share * jnp.stack([percentage_closer_of(plane[None], lookup, kernel_size) for plane in planes])
+    return total
 
 
 def _stacked(depth: Float[Array, "rows cols"], cells: list[tuple[int, int]]) -> Float[Array, "n rows cols"]:
@@ -102,7 +123,7 @@ def depths(
     views: Views,
     test_views: Views,
     num_depths: int = 3,
-    kernel_size: int = 1,
+    technique: str | Technique | Filter = "hard",
     candidates: str = "ranks",
 ) -> Solution[DepthPolicy, DepthCertificate]:
     """The extra depths of least error for a multi-depth map: every set on some scenes, the best on others too.
@@ -111,30 +132,36 @@ def depths(
         views: Scenes that choose, their names, or from `view_scene`.
         test_views: Scenes that do not.
         num_depths: n, the own depth counted, 2 to 5.
-        kernel_size: K of the PCF over the map, ≥ 1.
+        technique: Shadow maps whose filter says how many taps read the depths, by name ("pcf-2x2", as fine as the first
+            view's map) or as an object, whose own bias is left aside; or a filter alone, over each view's map.
         candidates: "ranks" or "cells".
 
     Returns:
         `value` the policy that keeps the chosen depths; `objective_value` the error; `baselines` the published choices
-        of as many depths, the best of which the gain counts against. Its technique is one uniform multi-depth map.
+        of as many depths, the best of which the gain counts against. Its technique is the one given, or one uniform
+        map, with these depths.
 
     Raises:
-        ValueError: If a number or name is out of range.
+        ValueError: If a number or name is out of range, or the filter does not count tests.
 
     Source: mdsm leaves a better choice of the extra depths as future work.
     """
-    require_untraced("depths", views, test_views)
+    require_untraced("depths", views, test_views, technique)
     require_choice(candidates, "candidates", CANDIDATES)
-    require_int(kernel_size, "kernel_size", 1)
     num = require_int(num_depths, "num_depths", 2)
     require(num <= 5, f"num_depths is at most 5, of which one is the texel's own; got {num}")
     views, test_views = as_views(views), as_views(test_views)
+    searched = as_maps(technique, views[0].resolution)
+    kernel_size = _kernel_size(filter_of(searched))
+    # Maps reach as far beyond their region as any of the choices reads.
+    cast = refiltered(searched, MultiDepth(Ranks((9,)), kernel_size))
     # All sets of extra depths: nine ranks, or eight neighbours, taken num − 1 at a time.
     sets = list(itertools.combinations(range(1, 10 if candidates == "ranks" else 9), num - 1))
 
     def errors(some: tuple[Viewed, ...]) -> np.ndarray:
         each = [
-            set_errors(_plane_visibilities(view, candidates, kernel_size), view, jnp.asarray(sets)) for view in some
+            set_errors(_plane_visibilities(view.build(cast), view, candidates, kernel_size), view, jnp.asarray(sets))
+            for view in some
         ]
         return np.sqrt(np.mean(np.square(np.asarray(each, float)), axis=0))
 
@@ -151,7 +178,8 @@ def depths(
         candidates, places or sets[best], kernel_size, number(test[best]),
         {name: number(test[i]) for name, i in known.items()}, len(sets),
     )  # fmt: skip
-    error, problem = number(measured[best]), (MultiDepth(policy, kernel_size), number(_bias(kernel_size)))
+    problem = refiltered(searched, MultiDepth(policy, kernel_size)), number(_bias(kernel_size))
+    error = number(measured[best])
     kind = DEPTHS._replace(rival=min(known, key=lambda name: measured[known[name]]))
     baselines = {name: number(measured[i]) for name, i in known.items()}
     return Solution(policy, error, baselines, certificate, ended(jnp.isfinite(error)), problem, kind)
@@ -182,7 +210,7 @@ class TapCertificate(Checked):
     steps: int = eqx.field(static=True)
 
 
-TAPS = Kind(
+TAPS = SolutionKind(
     (
         ("offsets", "value"), ("start_offsets", "certificate.start_offsets"), ("error", "objective_value"),
         ("start_error", "baselines.start"), ("gain", "gain"), ("test_error", "certificate.test_error"),
@@ -194,21 +222,20 @@ TAPS = Kind(
 
 
 @eqx.filter_jit
-def _taps_error(offsets: Float[Array, "taps 2"], views: tuple[Viewed, ...], extent: float) -> Float[Array, ""]:
-    """Mean over views of the squared error of taps at these offsets."""
+def _taps_error(
+    offsets: Float[Array, "taps 2"], views: tuple[Viewed, ...], built: tuple[MappedShadows, ...]
+) -> Float[Array, ""]:
+    """Mean over views of the squared error of taps at these offsets, on maps built for taps."""
     total = jnp.zeros((), views[0].exact.dtype)
-    filter_ = OffsetPercentageCloser(offsets, extent)
-    for view in views:
-        shadow_map = view.shadows.maps[0]
-        biased = eqx.tree_at(lambda s: s.bias.value, view.shadows, jnp.asarray(filter_.reach, shadow_map.depth.dtype))
-        lookup = biased.lookup(shadow_map, view.points, view.normals)
-        total = total + view.error(filter_.visibility(shadow_map.depth[None], lookup)) ** 2
+    for view, maps in zip(views, built, strict=True):
+        moved = eqx.tree_at(lambda s: s.filter.offsets, maps, offsets)
+        total = total + view.error(moved.visibility(view.points, view.normals)) ** 2
     return total / len(views)
 
 
 @checked
 def taps(
-    views: Views, test_views: Views, kernel_size: int = 2, steps: int = 24
+    views: Views, test_views: Views, technique: str | Technique | Filter = "pcf-2x2", steps: int = 24
 ) -> Solution[Float[Array, "taps 2"], TapCertificate]:
     """Where K² bilinear taps of PCF should lie, learned by BFGS on the squared error.
 
@@ -218,47 +245,53 @@ def taps(
     Args:
         views: Scenes to learn from, their names, or from `view_scene`.
         test_views: Scenes to test on.
-        kernel_size: K, taps along an axis, ≥ 1.
+        technique: Shadow maps whose filter says how many taps there are, K², by name (as fine as the first view's map)
+            or as an object, whose own bias is left aside; or a filter alone, over each view's map.
         steps: Most steps of the minimiser, ≥ 1.
 
     Returns:
         `value` (x, y) of each tap, texels; `objective_value` the error; `baselines` "start", a grid one texel apart.
-        Its technique is one uniform map read through these taps.
+        Its technique is the one given, or one uniform map, read through these taps.
 
     Raises:
-        ValueError: If a number is out of range.
+        ValueError: If a number or name is out of range, or the filter does not count tests.
     """
-    require_untraced("taps", views, test_views)
-    require_int(kernel_size, "kernel_size", 1)
+    require_untraced("taps", views, test_views, technique)
     require_int(steps, "steps", 1)
     views, test_views = as_views(views), as_views(test_views)
-    line = kernel_offsets(kernel_size)
+    searched = as_maps(technique, views[0].resolution)
+    line = kernel_offsets(_kernel_size(filter_of(searched)))
     start = jnp.asarray([(x, y) for y in line for x in line], views[0].exact.dtype)
     extent = float(max(map(abs, line))) + 1.0
     room = extent + 1e-3
+    cast = refiltered(searched, OffsetPercentageCloser(start, extent))
+    built, test_built = (tuple(view.build(cast) for view in some) for some in (views, test_views))
     # The unconstrained variable of offset = room · tanh(u)
     free = jnp.arctanh(start / room)
 
-    def loss(u: Array, viewed: tuple[Viewed, ...]) -> Array:
-        return _taps_error(room * jnp.tanh(u), viewed, extent)
+    def loss(u: Array, some: tuple[tuple[Viewed, ...], tuple[MappedShadows, ...]]) -> Array:
+        return _taps_error(room * jnp.tanh(u), *some)
 
     solver = optx.BFGS(rtol=1e-4, atol=1e-6)
-    found = optx.minimise(loss, solver, free, views, max_steps=steps, throw=False)
+    found = optx.minimise(loss, solver, free, (views, built), max_steps=steps, throw=False)
     # Back to offsets, which the hyperbolic tangent keeps within the room.
     learned = room * jnp.tanh(found.value)
 
-    def error(offsets: Array, some: tuple[Viewed, ...]) -> Array:
-        return jnp.sqrt(_taps_error(offsets, some, extent))
+    def error(offsets: Array, *some: Any) -> Array:
+        return jnp.sqrt(_taps_error(offsets, *some))
 
-    before, after = error(start, views), error(learned, views)
+    before, after = error(start, views, built), error(learned, views, built)
     helped = bool(after <= before)
     learned, after = (learned, after) if helped else (start, before)
     result = found.result if helped else optx.RESULTS.stagnation
     certificate = TapCertificate(
-        start, error(learned, test_views), error(start, test_views), int(found.stats["num_steps"])
+        start,
+        error(learned, test_views, test_built),
+        error(start, test_views, test_built),
+        int(found.stats["num_steps"]),
     )
     filter_ = OffsetPercentageCloser(learned, extent)
-    problem = filter_, jnp.asarray(filter_.reach, start.dtype)
+    problem = refiltered(searched, filter_), jnp.asarray(filter_.reach, start.dtype)
     return Solution(learned, after, {"start": before}, certificate, result, problem, TAPS)
 
 

@@ -36,7 +36,7 @@ def _root_mean_square(off: Array, weight: Array) -> Array:
 
 
 # What the error of a picture is; one line each.
-OBJECTIVES: dict[str, PictureError] = {
+PICTURE_OBJECTIVES: dict[str, PictureError] = {
     "light": lambda seen, exact, cosine: _root_mean_square(seen - exact, cosine**2),
     "visibility": lambda seen, exact, cosine: _root_mean_square(seen - exact, (cosine > 0).astype(seen.dtype)),
 }
@@ -135,7 +135,11 @@ def view_scene(
     Raises:
         ValueError: If a name or size is wrong, or nothing in view faces the light.
     """
-    error = OBJECTIVES[require_choice(objective, "objective", OBJECTIVES)] if isinstance(objective, str) else objective
+    error = (
+        PICTURE_OBJECTIVES[require_choice(objective, "objective", PICTURE_OBJECTIVES)]
+        if isinstance(objective, str)
+        else objective
+    )
     scene = as_scene(scene)
     caster = default_caster() if caster is None else caster
     view = reference_view(scene, width, height, caster)
@@ -167,6 +171,28 @@ def as_maps(technique: str | Technique | Filter, resolution: int = 256) -> Shado
     if isinstance(technique, Filter):
         return technique
     return as_technique(technique, resolution).as_shadow_mapping("a search of numbers needs")
+
+
+@checked
+def filter_of(searched: ShadowMapping | Filter) -> Filter:
+    """The filter of what `as_maps` gives."""
+    return searched if isinstance(searched, Filter) else searched.filter
+
+
+@checked
+def refiltered(searched: ShadowMapping | Filter, filter_: Filter) -> ShadowMapping | Filter:
+    """What `as_maps` gives, read by another filter with its own default bias."""
+    return filter_ if isinstance(searched, Filter) else dataclasses.replace(searched, filter=filter_, bias=None)
+
+
+@checked
+def parts_of(searched: ShadowMapping | Filter) -> dict[str, Any]:
+    """Fields of the shadow maps that were searched, but their resolution: attribute of `ShadowMapping` to value."""
+    if isinstance(searched, Filter):
+        return {"filter": searched}
+    return {
+        item.name: getattr(searched, item.name) for item in dataclasses.fields(searched) if item.name != "resolution"
+    }
 
 
 class ViewNumbers(NamedTuple):
@@ -215,6 +241,6 @@ def as_views(views: Views, **options: Any) -> tuple[Viewed, ...]:
 
 
 __all__ = [
-    "OBJECTIVES", "PictureError", "ViewNumbers", "Viewed", "Views", "as_maps", "as_views", "error_of", "view_of",
-    "view_scene", "visibility_of",
+    "PICTURE_OBJECTIVES", "PictureError", "ViewNumbers", "Viewed", "Views", "as_maps", "as_views", "error_of",
+    "filter_of", "parts_of", "refiltered", "view_of", "view_scene", "visibility_of",
 ]  # fmt: skip

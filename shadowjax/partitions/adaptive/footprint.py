@@ -77,9 +77,9 @@ def by_mip_levels(view: RayGrid, grid: RayGrid, points: Points, normals: Points)
     return jnp.exp2(mip_value(lengths[0], finest) - mip_value(lengths[1], finest))
 
 
-Rule = Callable[[RayGrid, RayGrid, Points, Points], Span]
-FOOTPRINTS: dict[str, Rule] = {"jacobian": narrowest, "area": by_area, "mip": by_mip_levels}
+FootprintRule = Callable[[RayGrid, RayGrid, Points, Points], Span]
+FOOTPRINTS: dict[str, FootprintRule] = {"jacobian": narrowest, "area": by_area, "mip": by_mip_levels}
 
 __all__ = [
-    "FOOTPRINTS", "Rule", "Span", "by_area", "by_mip_levels", "mip_value", "narrowest", "on_surface",
+    "FOOTPRINTS", "FootprintRule", "Span", "by_area", "by_mip_levels", "mip_value", "narrowest", "on_surface",
 ]  # fmt: skip
