@@ -1,5 +1,6 @@
 """Shadow bias with explicit units: depth tolerance in world units, texels, or slope-scaled texels."""
 
+import math
 from abc import abstractmethod
 from typing import ClassVar
 
@@ -9,7 +10,7 @@ import jax.numpy as jnp
 from shadowjax._checked import Checked, checked
 from shadowjax._checks import require, require_choice, require_finite
 from shadowjax._numerics import dot, norm
-from shadowjax._types import Array, ArrayLike, Float, Points, Scalar, as_float_array
+from shadowjax._types import Array, ArrayLike, Bool, Float, Points, Scalar, as_float_array
 from shadowjax.rays.plane_map import Box
 from shadowjax.rays.ray_grid import RayGrid
 
@@ -26,11 +27,13 @@ class BiasedReceiver(Checked):
         points: Where the map is read; the receivers themselves unless they are offset.
         depth: Depth tolerance, world units.
         follows_plane: Whether every tap is tested against the receiver's own plane instead of its depth.
+        plane_limit: Steepest plane that taps are tested against, texels of depth for each texel along an axis.
     """
 
     points: Points
     depth: Float[Array, "*points"]
     follows_plane: bool = eqx.field(static=True, default=False)
+    plane_limit: float = eqx.field(static=True, default=MAX_SLOPE)
 
 
 class BiasRule(Checked):
@@ -47,6 +50,35 @@ class BiasRule(Checked):
             points: Receivers.
             normals: Their unit normals.
         """
+
+    @property
+    def steepest(self) -> float:
+        """Largest slope that the rule follows, texels of depth for each texel; infinite where it follows none."""
+        return math.inf
+
+    @property
+    def limit_text(self) -> str:
+        """What limits the rule on steep planes, in words."""
+        return f"{self.steepest:g} texels of slope"
+
+    def steepness(self, grid: RayGrid, points: Points, normals: Points) -> Float[Array, "*points"]:
+        """Slope of each receiver's plane as `steepest` counts it, texels of depth for each texel; 0 if none counts."""
+        del grid, normals
+        return jnp.zeros_like(points[..., 0])
+
+    def is_limited(self, grid: RayGrid, points: Points, normals: Points) -> Bool[Array, "*points"]:
+        """Where the rule forgives less than a receiver's plane asks for, because that is steeper than its limit."""
+        return self.steepness(grid, points, normals) > self.steepest
+
+    def following(self, steepest: float) -> "BiasRule":
+        """The rule with another limit, texels of depth for each texel; itself where it follows no slope."""
+        del steepest
+        return self
+
+    @property
+    def made_by(self) -> str:
+        """The call that makes the rule; its numbers must be known."""
+        return repr(self)
 
 
 class Bias(BiasRule):
@@ -99,7 +131,28 @@ class Bias(BiasRule):
 
     def apply(self, grid: RayGrid, points: Points, normals: Points) -> BiasedReceiver:
         """The receivers where they are, and `in_world`."""
-        return BiasedReceiver(points, self.in_world(grid, points, normals))
+        limit = self.limit if self.unit == "slope" else MAX_SLOPE
+        return BiasedReceiver(points, self.in_world(grid, points, normals), False, limit)
+
+    @property
+    def steepest(self) -> float:
+        """`limit`, for a bias in texels of slope."""
+        return self.limit if self.unit == "slope" else math.inf
+
+    def steepness(self, grid: RayGrid, points: Points, normals: Points) -> Float[Array, "*points"]:
+        """The sum of the depth changes over one texel along both axes."""
+        slope = depth_slope(grid, points, normals, math.inf) / texel_size(grid, points)
+        return jnp.where((self.unit == "slope") & (self.value > 0), slope, jnp.zeros_like(slope))
+
+    def following(self, steepest: float) -> "Bias":
+        """With another `limit`, for a bias in texels of slope."""
+        return Bias(self.value, self.unit, steepest) if self.unit == "slope" else self
+
+    @property
+    def made_by(self) -> str:
+        """The call of `create`."""
+        limit = "" if self.limit == MAX_SLOPE else f", limit={self.limit:g}"
+        return f'Bias.create({float(self.value):g}, "{self.unit}"{limit})'
 
 
 @checked

@@ -107,7 +107,7 @@ class Prefilter(Checked):
         return probes.get(self.sampling, 8 * self.max_anisotropy)
 
 
-# Part of a filter's codes that goes to the depths of what a view sees, where those are not all.
+# Part of [0, 1] that goes to the depths of what a view sees, where those are not all.
 SEEN_SHARE = 0.9
 
 
@@ -129,14 +129,14 @@ class DepthRange(Checked):
     """The depths that a filter maps to [0, 1].
 
     A lamp over a wide ground sees depths a million times those that matter, beside which these would all become 0. So
-    the part up to `seen` gets `SEEN_SHARE` of the codes, evenly; what lies beyond keeps its order in the rest, as
+    the part up to `seen` gets `SEEN_SHARE` of [0, 1], evenly; what lies beyond keeps its order in the rest, as
     1 − (1 − a)² / (1 − a + a (x − 1)) for the share a and the depth x in parts of the seen range, which goes on with
     the same derivative and stays below 1 but for rounding.
 
     Attributes:
         near: Depth that becomes 0, world units.
         far: Depth that becomes 1, or comes near to it.
-        seen: Depth up to which codes are even, world units; all of the range if None or not between the others.
+        seen: Depth up to which parts are even, world units; all of the range if None or not between the others.
     """
 
     near: Float[Array, ""]

@@ -33,7 +33,7 @@ class RayGrid(Checked):
         num_rows: Cells along t (rows of the image).
         num_cols: Cells along s (columns).
         seen: Depth within which all lies that a view sees in this light, world units, at most `far`; None takes `far`.
-            Rounding and codes spend their digits up to here; what lies beyond keeps its order.
+            Rounding and filtered values spend their digits up to here; what lies beyond keeps its order.
     """
 
     space: LightSpace

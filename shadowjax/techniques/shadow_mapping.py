@@ -287,7 +287,7 @@ class MappedShadows(Shadows):
             shadow_map.border,
             None if self.view is None else pixel_footprint(self.view, grid, points, normals),
             grid.space.is_parallel,
-            plane_gradient(grid, points, normals) if follows else None,
+            plane_gradient(grid, points, normals, forgiven.plane_limit) if follows else None,
         )
 
     @property

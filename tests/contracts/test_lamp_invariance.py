@@ -1,7 +1,7 @@
-"""A lamp's filtered maps answer alike however far its ground reaches: codes are spent on what the view sees.
+"""A lamp's filtered maps answer alike however far its ground reaches: digits go to what the view sees.
 
-Filters that average codes of depths share one range among them; rays of a lamp run to the horizon, and the box and its
-shadow would take up a millionth of it. Pictures are judged by the closed form of the box's shadow.
+Filters that average moments or basis values share one range of depths; rays of a lamp run to the horizon, and the box
+and its shadow would take up a millionth of it. Pictures are judged by the closed form of the box's shadow.
 """
 
 import equinox as eqx
@@ -67,11 +67,11 @@ def test_variance_answers_alike_on_a_ground_that_reaches_a_thousand_kilometres()
 
 @pytest.mark.long
 @pytest.mark.parametrize("partition", PARTITION)
-def test_every_filter_of_codes_answers_alike_on_any_ground(partition):
+def test_every_prefiltered_map_answers_alike_on_any_ground(partition):
     assert_alike(CODED, PARTITION[partition](), GridCaster(), HALVES, 256)
 
 
-def test_codes_rise_are_even_over_what_is_seen_and_smooth():
+def test_parts_rise_are_even_over_what_is_seen_and_smooth():
     scale = DepthRange(jnp.float32(1), jnp.float32(1e6), jnp.float32(11))
     depth = jnp.concatenate(
         [jnp.linspace(1, 11, 101, dtype=jnp.float32), jnp.geomspace(11.1, 1e6, 200, dtype=jnp.float32)]
@@ -85,7 +85,7 @@ def test_codes_rise_are_even_over_what_is_seen_and_smooth():
     np.testing.assert_allclose(slope, 0.09, rtol=1e-2)
 
 
-def test_where_all_is_seen_or_nothing_near_is_codes_are_parts_of_the_whole_range():
+def test_where_all_is_seen_or_nothing_near_is_depths_are_parts_of_the_whole_range():
     depth = jnp.linspace(1.0, 9.0, 33, dtype=jnp.float32)
     for seen in (9.0, 12.0, 0.5):
         bent = DepthRange(jnp.float32(1), jnp.float32(9), jnp.float32(seen)).to_unit(depth)
