@@ -18,6 +18,7 @@ from . import techniques as techniques
 from . import theory as theory
 from . import volumes as volumes
 from . import warps as warps
+from ._checks import checked_values as checked_values
 from ._types import astype as astype
 from .bias.rule import Bias as Bias
 from .evaluate.compare import compare as compare

@@ -92,7 +92,7 @@ class ArrayKind(Numbers):
         if not self._fits(array.shape, call, name):
             call.refuse(name, self.wanted, value, self._layout(array.shape, name))
         if self.reads(array.dtype):
-            call.look_at(name, array, self.within)
+            return call.look_at(name, array, self.within)
         return array
 
     def _converted(self, value: Any, name: str, call: Call) -> Any:

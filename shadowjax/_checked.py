@@ -16,7 +16,7 @@ import numpy as np
 from jax.core import Tracer
 
 from shadowjax._array_kinds import ArrayKind, Numbers
-from shadowjax._checks import Range
+from shadowjax._checks import Range, watches
 from shadowjax._kinds import (
     Call,
     Choice,
@@ -248,7 +248,7 @@ def checked(target: _Target) -> _Target:
 
     Outermost of all decorators. Kinds and shapes are compared in every call, traced or not; numbers are read (for NaN,
     infinity and the ranges of `Annotated[…, Range]`) only where they are known and the call comes from outside: what a
-    checked function calls in its turn is not read again.
+    checked function calls in its turn is not read again. Traced numbers are read at run time within `checked_values`.
     """
     if isinstance(target, type):
         return _checked_class(target)
@@ -326,10 +326,12 @@ class Checked(eqx.Module):
         return super().__new__(cls)
 
     def __check_init__(self) -> None:
-        """Numbers, lists and NumPy arrays become arrays where arrays are stored."""
+        """Numbers, lists and NumPy arrays become arrays where arrays are stored; traced ones may be watched."""
         arguments, held = constructor_arguments(type(self)), vars(self)
         for name, kind in arguments.stored:
             value = held.get(name)
+            if isinstance(value, Tracer) and watches():
+                object.__setattr__(self, name, kind.check(value, name, arguments.call(*held.values())))
             if value is not None and not (_holds_numbers(type(value)) or isinstance(value, jax.Array)):
                 array = kind.check(value, name, arguments.call(*held.values()))
                 # Of a strong type: `jit` compiles anew for weak ones.

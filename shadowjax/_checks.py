@@ -3,7 +3,8 @@
 import os
 import sys
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -167,6 +168,45 @@ def require_value(array: Array, holds: Any, message: str) -> Array:
             raise ValueError(f"{message}; got {shown}")
         return array
     return eqx.error_if(array, jnp.logical_not(jnp.all(holds)), message)
+
+
+# Part of the key under which JAX keeps what it traced, so that nothing is taken over from outside or inside.
+_WATCH = jax.make_user_context(False)
+
+
+@contextmanager
+def checked_values() -> Iterator[None]:
+    """Within it, what is traced checks its numbers at run time: NaN, infinity and the ranges that signatures name.
+
+    Numbers that are known are always checked. Traced ones are unknown until the compiled program runs, and a check of
+    them (`eqx.error_if`) calls back from it, which keeps it out of JAX's persistent cache of compiled programs; so they
+    are checked only on demand, such as once while a model is put together. Functions compiled inside are compiled anew
+    outside, without the checks, and the other way round.
+
+    Example: `with sj.checked_values(): jax.jit(loss)(parameters)`.
+    """
+    with _WATCH(True):
+        yield
+
+
+def watches() -> bool:
+    """Whether traced numbers are checked at run time."""
+    return bool(_WATCH.value)
+
+
+def watched(value: Array, name: str, within: Range | None) -> Array:
+    """A traced value, which complains at run time if its numbers are bad and `checked_values` is on."""
+    if not watches() or not jnp.issubdtype(value.dtype, jnp.inexact):
+        return value
+    infinite = within is not None and within.has_infinity
+    bad = jnp.isnan(value) if infinite else ~jnp.isfinite(value)
+    wanted = "a number" if infinite else "finite"
+    if within is not None and within.is_bounded:
+        low = value.dtype.type(-jnp.inf if within.low is None else within.low)
+        bad |= (value <= low) if within.is_open else (value < low)
+        bad |= value > value.dtype.type(jnp.inf if within.high is None else within.high)
+        wanted += f" and {within}"
+    return eqx.error_if(value, jnp.any(bad), f"{name} must be {wanted}")
 
 
 def require_finite(array: Array, name: str) -> Array:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from shadowjax._checks import Range, came, num_not_finite, require_dtype, require_int, require_number
+from shadowjax._checks import Range, came, num_not_finite, require_dtype, require_int, require_number, watched
 
 
 class Call:
@@ -35,10 +35,12 @@ class Call:
         )
         return next((part.dtype for part in floating), None)
 
-    def look_at(self, name: str, value: Any, within: Range | None) -> None:
-        """Complain about NaN, infinity and numbers out of range, where they are known."""
-        if not self.reads_values or isinstance(value, Tracer):
-            return
+    def look_at(self, name: str, value: Any, within: Range | None) -> Any:
+        """The value; complain about NaN, infinity and numbers out of range, where they are known or watched."""
+        if not self.reads_values:
+            return value
+        if isinstance(value, Tracer):
+            return watched(value, f"{self.label}: {name}", within)
         bad = num_not_finite(value)
         if bad and within is not None and within.has_infinity:
             # What is left is NaN.
@@ -49,6 +51,7 @@ class Call:
             )
         if within is not None and not within.holds(np.asarray(value)):
             self.refuse(name, str(within), value)
+        return value
 
 
 class Kind:
@@ -114,7 +117,7 @@ class Number(Kind):
 
     def check(self, value: Any, name: str, call: Call) -> Any:
         if isinstance(value, Tracer) and value.ndim == 0 and value.dtype.kind not in "bc":
-            return value
+            return call.look_at(name, value, self.within)
         if call.reads_values or not isinstance(value, float):
             require_number(value, f"{call.label}: {name}", self.within)
         return value
