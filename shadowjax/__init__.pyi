@@ -62,6 +62,7 @@ from .partitions.registry import make_partition as make_partition
 from .partitions.single import SingleMap as SingleMap
 from .presets.names import make_technique as make_technique
 from .rays.brute import BruteForceCaster as BruteForceCaster
+from .rays.cores import use_all_cores as use_all_cores
 from .rays.ray import Hit as Hit
 from .rays.ray import Rays as Rays
 from .rays.ray import intersect as intersect

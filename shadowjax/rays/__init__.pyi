@@ -6,6 +6,7 @@ from .caster import Caster as Caster
 from .casters import CASTERS as CASTERS
 from .casters import default_caster as default_caster
 from .casters import make_caster as make_caster
+from .cores import use_all_cores as use_all_cores
 from .grid.caster import GridCaster as GridCaster
 from .layers import back_layer as back_layer
 from .layers import second_layer as second_layer
