@@ -3,7 +3,6 @@ from .kinds import BufferBias as BufferBias
 from .kinds import NormalOffset as NormalOffset
 from .kinds import ReceiverPlane as ReceiverPlane
 from .kinds import SlopeScaled as SlopeScaled
-from .kinds import acne_free_offset as acne_free_offset
 from .rule import MAX_SLOPE as MAX_SLOPE
 from .rule import Bias as Bias
 from .rule import BiasedReceiver as BiasedReceiver

@@ -23,7 +23,6 @@ from .pcf import BilinearPercentageCloser as BilinearPercentageCloser
 from .pcf import PercentageCloser as PercentageCloser
 from .pcss import ContactHardening as ContactHardening
 from .prefilter import Prefilter as Prefilter
-from .prefiltered import EncodedMap as EncodedMap
 from .prefiltered import Prefiltered as Prefiltered
 from .registry import DEPTH_POLICIES as DEPTH_POLICIES
 from .registry import FILTERS as FILTERS

@@ -3,8 +3,6 @@ from .adjacent_edges import edge_sides as edge_sides
 from .adjacent_edges import find_adjacent_edges as find_adjacent_edges
 from .adjacent_edges import silhouette_counts as silhouette_counts
 from .camera import Camera as Camera
-from .edges import EdgeAdjacency as EdgeAdjacency
-from .edges import edge_adjacency as edge_adjacency
 from .edges import silhouette as silhouette
 from .light import DirectionalLight as DirectionalLight
 from .light import Light as Light
@@ -15,7 +13,6 @@ from .light_space import LightSpace as LightSpace
 from .light_space import OctahedralSpace as OctahedralSpace
 from .light_space import PerspectiveSpace as PerspectiveSpace
 from .mesh import Mesh as Mesh
-from .mesh import zero_area_faces as zero_area_faces
 from .mesh_files import load as load
 from .outlines import MeshEdges as MeshEdges
 from .outlines import mesh_edges as mesh_edges
@@ -23,6 +20,3 @@ from .outlines import outline as outline
 from .transforms import light_frame as light_frame
 from .transforms import rotation as rotation
 from .transforms import scaling as scaling
-from .transforms import transform_points as transform_points
-from .transforms import translation as translation
-from .transforms import view_frame as view_frame

@@ -9,4 +9,3 @@ from .equation import ledger as ledger
 from .equation import verify as verify
 from .inputs import Estimate as Estimate
 from .inputs import Inputs as Inputs
-from .reference import compare_rows as compare_rows

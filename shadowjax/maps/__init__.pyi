@@ -11,6 +11,5 @@ from .sampling import read_nearest as read_nearest
 from .shadow_map import ShadowMap as ShadowMap
 from .shadow_map import build_covered_map as build_covered_map
 from .shadow_map import build_shadow_map as build_shadow_map
-from .summed_area import box_sum as box_sum
 from .summed_area import read_box_mean as read_box_mean
 from .summed_area import summed_area_table as summed_area_table

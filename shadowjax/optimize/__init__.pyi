@@ -20,7 +20,6 @@ from .viewed.seen_pixels import seen_pixels as seen_pixels
 from .viewed.taps import depths as depths
 from .viewed.taps import taps as taps
 from .viewed.views import Viewed as Viewed
-from .viewed.views import as_views as as_views
 from .viewed.views import error_of as error_of
 from .viewed.views import view_of as view_of
 from .viewed.views import view_scene as view_scene

@@ -1,5 +1,4 @@
 from .adaptive.footprint import FOOTPRINTS as FOOTPRINTS
-from .adaptive.refinement import refinement_cost as refinement_cost
 from .adaptive.tile_map import AdaptiveMap as AdaptiveMap
 from .base import Partition as Partition
 from .by_light import ByLight as ByLight
@@ -8,6 +7,4 @@ from .cube import CubeMap as CubeMap
 from .faces import FacePartition as FacePartition
 from .registry import PARTITIONS as PARTITIONS
 from .registry import make_partition as make_partition
-from .seen_depths import seen_range as seen_range
-from .seen_depths import seen_splits as seen_splits
 from .single import SingleMap as SingleMap

@@ -16,7 +16,6 @@ from .aliasing.error import max_error_x as max_error_x
 from .aliasing.error import max_error_z as max_error_z
 from .aliasing.error import storage_factor as storage_factor
 from .aliasing.light_frustum import LightFrustum as LightFrustum
-from .aliasing.light_frustum import strength_of as strength_of
 from .aliasing.near_distances import eta_from_near_distance as eta_from_near_distance
 from .aliasing.near_distances import generalised as generalised
 from .aliasing.near_distances import near_distance_from_eta as near_distance_from_eta
