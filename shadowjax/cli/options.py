@@ -88,8 +88,8 @@ def check_limits(chosen: Any) -> None:
 class SceneOptions:
     """Other light, camera and surroundings for any scene."""
 
-    light: Literal["directional", "spot", "point"] = "directional"
-    """Kind of light; a spot or point light stands outside the scene unless --light-position says where."""
+    light: Annotated[str, arg(metavar="NAME")] = "directional"
+    """Kind of light: directional, spot or point; the last two stand outside the scene without --light-position."""
     light_direction: Annotated[Point | None, _XYZ] = None
     """The way the light travels; its length does not matter."""
     light_azimuth_deg: Annotated[Turn | None, _NUMBER] = None

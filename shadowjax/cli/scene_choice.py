@@ -3,10 +3,11 @@
 import math
 
 from shadowjax import scenes
-from shadowjax._checks import require, require_memory
+from shadowjax._checks import require, require_choice, require_memory
 from shadowjax.cli.options import PictureOptions, SceneOptions
 from shadowjax.scenes import staging
 from shadowjax.scenes.base import Scene
+from shadowjax.scenes.lights import LIGHTS
 from shadowjax.scenes.loading import load_scene
 
 # By `command time -v shadowjax render plate-over-plane --technique hard`: the resident memory grows by 246 bytes a ray
@@ -26,6 +27,7 @@ def open_scene(name: str, setting: SceneOptions, picture: PictureOptions) -> Sce
         ValueError: If there is no such scene or file, or an option is out of range or does not apply.
     """
     _check_memory(picture)
+    require_choice(setting.light, "--light", LIGHTS)
     direction = _direction(setting)
     is_built_in = name in scenes.SCENES
     if is_built_in:

@@ -11,13 +11,13 @@ from shadowjax._checked import checked
 from shadowjax._checks import require, require_choice
 from shadowjax._types import DType
 from shadowjax.geometry.camera import Camera
-from shadowjax.geometry.light import DirectionalLight, Light, PointLight, SpotLight
+from shadowjax.geometry.light import DirectionalLight
 from shadowjax.geometry.mesh import Mesh
 from shadowjax.scenes import palette
 from shadowjax.scenes.base import ASPECT, MARGIN, SUNLIGHT, Scene, to_mesh, towards
+from shadowjax.scenes.lights import LIGHTS, LightStand
 from shadowjax.scenes.primitives import box
 
-LIGHT_KINDS = ("directional", "spot", "point")
 LIGHT_AZIMUTH_DEG, LIGHT_ELEVATION_DEG = -50.0, 46.0  # from the front left
 VIEW_AZIMUTH_DEG, VIEW_ELEVATION_DEG = 24.0, 24.0
 HALF_ANGLE_DEG = 18.0
@@ -162,7 +162,7 @@ def relit(
 
     Args:
         scene: Any scene.
-        kind: "directional", "spot" or "point".
+        kind: Key of `LIGHTS`.
         direction: The way the light travels, towards the middle of the scene; that of the first light if None.
         position: Where a spot or point light stands in the world; against the direction, outside the scene, if None.
             The origin of the scene's mesh is subtracted before the position is rounded to the mesh's dtype.
@@ -170,10 +170,11 @@ def relit(
     Raises:
         ValueError: If the kind is unknown, the direction is zero, or a directional light is given a position.
     """
-    require_choice(kind, "light", LIGHT_KINDS)
+    chosen = LIGHTS[require_choice(kind, "light", LIGHTS)]
+    placed = [name for name, one in LIGHTS.items() if one.distance is not None]
     require(
-        kind != "directional" or position is None,
-        "a directional light has no position; choose light spot or point, or give a direction",
+        chosen.distance is not None or position is None,
+        f"a {kind} light has no position; choose light {' or '.join(placed)}, or give a direction",
     )
     dtype = scene.mesh.vertices.dtype
     place = None if position is None else np.asarray(scene.mesh.to_local(np.asarray(position, float)))
@@ -185,22 +186,16 @@ def relit(
         travel = centre - place
     else:
         travel = -np.asarray(scene.lights[0].to_light(scene.mesh.vertices.mean(axis=0))[0], float)
-    checked = DirectionalLight.create(travel, SUNLIGHT, dtype)
-    if kind == "directional":
-        light: Light = checked
+    sun = DirectionalLight.create(travel, SUNLIGHT, dtype)
+    if chosen.distance is None:
+        # Nothing is rounded on the way: the sun is the light itself.
+        stand = LightStand(centre, np.asarray(travel), 1.0, radius, np.asarray(SUNLIGHT), dtype)
     else:
-        axis = np.asarray(checked.direction, float)
-        distance = (3.0 if kind == "spot" else 1.3) * radius
-        place = centre - distance * axis if place is None else place
+        axis = np.asarray(sun.direction, float)
+        place = centre - chosen.distance * radius * axis if place is None else place
         reach = max(float(np.linalg.norm(centre - place)), 1e-6 * radius)
-        # As bright at the middle of the scene as the sun would be.
-        color = np.asarray(SUNLIGHT) * reach**2
-        if kind == "point":
-            light = PointLight.create(place, color, dtype)
-        else:
-            # The cone that just holds the sphere around the scene, and a little more.
-            half_angle = math.asin(min(radius / reach, 0.95)) if reach > 0 else 1.0
-            light = SpotLight.create(place, axis, min(1.08 * half_angle, 1.4), color, dtype)
+        stand = LightStand(place, axis, reach, radius, np.asarray(SUNLIGHT) * reach**2, dtype)
+    light = chosen.make(stand)
     return eqx.tree_at(lambda s: s.lights, scene, (light,))
 
 

@@ -12,10 +12,13 @@ from shapes import above, plate_over_plane
 
 import shadowjax as sj
 from shadowjax._numerics import norm, normalize
+from shadowjax.cli.options import PictureOptions, SceneOptions
+from shadowjax.cli.scene_choice import open_scene
 from shadowjax.geometry import light, light_space
 from shadowjax.geometry.light import Light
 from shadowjax.geometry.light_space import PerspectiveSpace
 from shadowjax.geometry.transforms import any_perpendicular, view_frame
+from shadowjax.scenes.lights import LIGHTS, LightKind
 from shadowjax.volumes.jitter import disc
 
 ROOT = Path(sj.__file__).parent
@@ -74,6 +77,21 @@ class Panel(Light):
 
 
 CASTER = sj.rays.GridCaster()
+
+
+def test_a_new_light_is_one_line_for_the_command_line(monkeypatch):
+    half = jnp.asarray([0.3, 0.1])
+    panel = LightKind(lambda at: Panel(*map(jnp.asarray, (at.place, at.axis)), half, jnp.asarray(at.color)), 2.0)
+    monkeypatch.setitem(LIGHTS, "panel", panel)
+    for kind in LIGHTS:
+        (found,) = open_scene("plate-over-plane", SceneOptions(light=kind), PictureOptions()).lights
+        middle = jnp.zeros((1, 3))
+        assert np.isfinite(np.asarray(found.to_light(middle)[0])).all()
+    assert type(open_scene("cubes", SceneOptions(light="panel"), PictureOptions()).lights[0]) is Panel
+    with pytest.raises(ValueError, match=r"--light must be one of .*'panel'"):
+        open_scene("cubes", SceneOptions(light="torch"), PictureOptions())
+
+
 TECHNIQUES = {
     "warped": sj.ShadowMapping(resolution=256, caster=CASTER, partition=sj.SingleMap(sj.PerspectiveFit())),
     "volumes": sj.ShadowVolumes(),

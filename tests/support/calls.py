@@ -111,6 +111,8 @@ def _value(chance: random.Random, name: str, hint: typing.Any, limits: typing.An
     if name in ("json", "pareto", "output", "out"):
         usual = {"json": ["new.json", "-"], "out": ["new", "."]}.get(name, ["new.png", "deep/er/new.png", "link.png"])
         return [chance.choice(PATHS if bad else usual)]
+    if name == "light":
+        return [chance.choice([*WRONG, "bogus"] if bad else ["directional", "spot", "point"])]
     if name == "config":
         return [chance.choice([*FILES, "missing.toml"] if bad else ["good.toml", "sizes.toml"])]
     if name == "scene":
