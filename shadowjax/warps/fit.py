@@ -231,10 +231,13 @@ def spot_strength(
     # u of every sample: its place along the axis from the lowest corner of what the map covers.
     lowest = jnp.min(points @ axis)
     extent = jnp.max(points @ axis) - lowest
-    # corners count too: where the axis leaves the cone, they alone say how far the receivers reach
-    samples = jnp.concatenate([samples, seen.corners])
     offset = space.project(samples)[0] @ axis - lowest
-    weighed = space.in_front(samples) & (offset >= 0) & (offset <= extent) & recedes & seen.some
+    inside = space.in_front(samples) & (offset >= 0) & (offset <= extent)
+    # Corners count too: where the axis leaves the cone, they alone say how far the receivers reach. They span what is
+    # covered, so the outermost are not asked whether they lie in it: rounding would decide.
+    samples = jnp.concatenate([samples, seen.corners])
+    offset = jnp.concatenate([offset, points @ axis - lowest])
+    weighed = jnp.concatenate([inside, jnp.ones(len(points), bool)]) & recedes & seen.some
     distance = (samples - space.position) @ space.frame[2]
     weight = jnp.where(weighed, safe_divide(jnp.abs(distance), (samples - camera.position) @ camera.forward), 0)
     # what has no weight lies at the far end, where without any other point nothing asks for a warp

@@ -69,6 +69,10 @@ def receiver_corners(
             offsets.append(dot(normals[-1], space.source - camera.position))
     found, inside = _corners(jnp.stack(normals), jnp.stack(offsets), SLACK * length)
     found = found + camera.position
+    if light.cone is not None:
+        # The pyramid's apex is the light itself, which is at no place of the plane but the one that rounding gives it.
+        # Every ray through the body leaves it elsewhere, so the other corners bound its places.
+        inside = inside & (norm(found - space.source) > SLACK * length)
     return found, inside & space.in_front(found)
 
 
