@@ -214,8 +214,13 @@ def test_strength_of_least_worst_error_carries_its_implicit_derivative():
 @pytest.mark.long
 @pytest.mark.parametrize("seam_limit", [None, 1.4])
 def test_joint_splits_carry_their_implicit_derivative(seam_limit):
-    """Planes, n' and storage of a dozen views, through the callback that searches, against whole new searches."""
-    near, far, phi, gamma = (part[60:72] for part in random_views(seed=3))
+    """Planes, n' and storage of a dozen views, through the callback that searches, against whole new searches.
+
+    Under a limit a search has 27 starts, so three views must do; in one of them both slices have a uniform map, between
+    which the limits on m_x and m_z are one.
+    """
+    picked = np.arange(60, 72) if seam_limit is None else np.asarray([61, 63, 64])
+    near, far, phi, gamma = (part[picked] for part in random_views(seed=3))
     views = [jnp.asarray(part) for part in (near, near * np.clip(far / near, 3, 300), phi, np.clip(gamma, 0.3, 1.4))]
 
     def function(*view):
@@ -223,14 +228,15 @@ def test_joint_splits_carry_their_implicit_derivative(seam_limit):
         mixed = jnp.log(found.value.cuts[:, 1]) + jnp.sum(
             jnp.asarray([0.3, -0.2]) * jnp.log(found.value.near_distances), axis=-1
         )
-        return mixed + jnp.log(found.objective_value)
+        return mixed + jnp.log(found.objective_value), found.converged
 
-    assert bool(joint_splits(*views, 2, seam_limit=seam_limit).converged.all())
+    _, back, converged = jax.vjp(function, *views, has_aux=True)
+    assert bool(converged.all())
     along = tuple(part * rate for part, rate in zip(views, (0.4, -0.3, 0.5, 0.2), strict=True))
-    slope = jax.jit(lambda *v: jax.jvp(function, v, along)[1])(*views)
-    back = jax.vjp(function, *views)[1](jnp.ones(12))
-    np.testing.assert_allclose(slope, sum(b * a for b, a in zip(back, along, strict=True)), rtol=1e-8)
-    moved = [function(*(v + s * 1e-4 * a for v, a in zip(views, along, strict=True))) for s in (1, -1, 2, -2)]
+    slope = jax.jit(lambda *v: jax.jvp(lambda *w: function(*w)[0], v, along)[1])(*views)
+    expected = sum(b * a for b, a in zip(back(jnp.ones(len(picked))), along, strict=True))
+    np.testing.assert_allclose(slope, expected, rtol=1e-8)
+    moved = [function(*(v + s * 1e-4 * a for v, a in zip(views, along, strict=True)))[0] for s in (1, -1, 2, -2)]
     central = (8 * (moved[0] - moved[1]) - (moved[2] - moved[3])) / 12e-4
     np.testing.assert_allclose(slope, central, rtol=1e-6, atol=1e-6)
 

@@ -1,5 +1,6 @@
 """Planes and near distances together as a smooth problem: objective, constraints, and the conditions of an optimum."""
 
+import functools
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -93,11 +94,22 @@ def functions_of(v: Array, view: LightFrustum, limit: Array, kind: Problem) -> t
     return worst, jnp.concatenate(held)
 
 
-@eqx.filter_jit
-def functions_and_slopes(v: Array, view: LightFrustum, limit: Array, kind: Problem) -> tuple[Any, Any]:
+# A search asks for these thousands of times: one vector of near, far, φ_y, φ_x, γ and limit is quickly given.
+@functools.partial(jax.jit, static_argnames="kind")
+def functions_and_slopes(v: Array, numbers: Float[Array, "6"], kind: Problem) -> tuple[Any, Any]:
     """Value and slope of the objective, and values and slopes of all constraints."""
-    functions = lambda v: functions_of(v, view, limit, kind)  # noqa: E731
+    *fields, limit = numbers
+    functions = lambda v: functions_of(v, LightFrustum(*fields), limit, kind)  # noqa: E731
     return functions(v), jax.jacfwd(functions)(v)
+
+
+@functools.partial(jax.jit, static_argnames="kind")
+def storages_and_jumps(v: Array, numbers: Float[Array, "6"], kind: Problem) -> tuple[Array, Array]:
+    """ln of every slice's storage, and ln of the jumps at cuts."""
+    view = LightFrustum(*numbers[:-1])
+    parts = similar(view, v[: kind.k])
+    distance = distances_of(parts, v[kind.k : 2 * kind.k], kind.warp, kind.section)
+    return jnp.max(log_storages(parts, distance, kind.section), axis=-1), log_jumps(parts, distance)
 
 
 def condition_of(
@@ -137,4 +149,5 @@ __all__ = [
     "functions_of",
     "log_jumps",
     "log_storages",
+    "storages_and_jumps",
 ]

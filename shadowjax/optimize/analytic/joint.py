@@ -23,6 +23,7 @@ from shadowjax.optimize.analytic._joint_conditions import (
     functions_and_slopes,
     log_jumps,
     log_storages,
+    storages_and_jumps,
 )
 from shadowjax.optimize.analytic.slices import (
     SLICES_KIND,
@@ -204,8 +205,9 @@ def _find(kind: Problem, *numbers: Array) -> _Point:
 
 def _search(view: LightFrustum, limit: Array, kind: Problem) -> _Point:
     best = None
-    span = math.log(float(view.far / view.near))
-    for log_ratios, bend in _starts(span, kind.k, float(limit), kind.limited, kind.warp == "free"):
+    for log_ratios, bend in _starts(
+        math.log(float(view.far / view.near)), kind.k, float(limit), kind.limited, kind.warp == "free"
+    ):
         found = _solve(log_ratios, bend, view, limit, kind)
         if found is not None and (best is None or found[1] < best[1] * (1 - 1e-12)):
             best = found
@@ -218,12 +220,17 @@ def _search(view: LightFrustum, limit: Array, kind: Problem) -> _Point:
     return _settled(best[0], view, limit, kind)
 
 
-def _at(v: np.ndarray, args: tuple[Any, ...]) -> tuple[tuple[float, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Value and constraints, and their slopes, as NumPy arrays."""
-    dtype = args[0].near.dtype
-    (value, held), (slope, slopes) = jax.tree.map(np.asarray, functions_and_slopes(jnp.asarray(v, dtype), *args))
-    as_double = lambda x: np.asarray(x, np.float64)  # noqa: E731
-    return (float(value), as_double(held)), (as_double(slope), as_double(slopes))
+class _Functions:
+    """Value and constraints, and their slopes, as NumPy arrays; a step of a search asks for each of the four alone."""
+
+    def __init__(self, view: LightFrustum, limit: Array, kind: Problem) -> None:
+        self.given = np.asarray([float(x) for x in (*jax.tree.leaves(view), limit)]), kind
+        self._last: Any = b"", None
+
+    def __call__(self, v: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+        if v.tobytes() != self._last[0]:
+            self._last = v.tobytes(), jax.tree.map(np.asarray, functions_and_slopes(v, *self.given))
+        return self._last[1]
 
 
 def _num_starts(kind: Problem) -> int:
@@ -250,11 +257,12 @@ def _solve(start: np.ndarray, bend: np.ndarray | None, *args: Any) -> tuple[np.n
     sums = np.concatenate([np.ones(k), np.zeros(len(v) - k)])
     # Log ratios stay positive, bends within (0, 1), levels where exp neither overflows nor vanishes.
     bounds = [(1e-3 * span / k, span)] * k + [(LEAST_BEND, 1 - 1e-9)] * k + [(-60.0, 60.0)] * len(level)
+    at = _Functions(*args)
     found: Any = minimize(
-        lambda x: (_at(x, args)[0][0], _at(x, args)[1][0]), v, jac=True, method="SLSQP", bounds=bounds,
+        lambda x: (float(at(x)[0][0]), at(x)[1][0]), v, jac=True, method="SLSQP", bounds=bounds,
         constraints=[
             {"type": "eq", "fun": lambda x: sums @ x - span, "jac": lambda x: sums},
-            {"type": "ineq", "fun": lambda x: _at(x, args)[0][1], "jac": lambda x: _at(x, args)[1][1]},
+            {"type": "ineq", "fun": lambda x: at(x)[0][1], "jac": lambda x: at(x)[1][1]},
         ],
         options={"maxiter": 300, "ftol": 1e-15},
     )  # fmt: skip
@@ -267,14 +275,11 @@ def _solve(start: np.ndarray, bend: np.ndarray | None, *args: Any) -> tuple[np.n
 
 def _exact(v: np.ndarray, args: tuple[Any, ...]) -> tuple[np.ndarray, float, float]:
     """Variables with the levels that the others give; the objective; and by how much a jump exceeds its limit."""
-    view, limit, kind = args
-    k, dtype = kind.k, view.near.dtype
-    parts = similar(view, jnp.asarray(v[:k], dtype))
-    distance = distances_of(parts, jnp.asarray(v[k : 2 * k], dtype), kind.warp, kind.section)
-    levels = np.max(np.asarray(log_storages(parts, distance, kind.section), np.float64), axis=-1)
+    _, limit, kind = args
+    levels, jumps = jax.tree.map(np.asarray, storages_and_jumps(v, *_Functions(*args).given))
     level, value = (levels, np.exp(levels).sum()) if kind.objective == "sum" else ([levels.max()], np.exp(levels.max()))
-    over = float(jnp.max(jnp.abs(log_jumps(parts, distance)))) - float(limit) if kind.limited else 0.0
-    return np.concatenate([v[: 2 * k], level]), float(value), over
+    over = float(np.abs(jumps).max()) - float(limit) if kind.limited else 0.0
+    return np.concatenate([v[: 2 * kind.k], level]), float(value), over
 
 
 def _settled(v: np.ndarray, *args: Any) -> _Point:
@@ -292,10 +297,9 @@ def _settled(v: np.ndarray, *args: Any) -> _Point:
     fixed[bends] = (v[bends] < 1e-6) | (v[bends] > 1 - 1e-8) | (kind.warp != "free")
     trial = _balanced(v, fixed, NEARLY, args)
     z = np.concatenate([trial.v, trial.forces])
-    numbers = [jnp.asarray(x, dtype) for x in v]
     for _ in range(STEPS):
         rest, slopes = condition_and_slope(
-            jnp.asarray(z, dtype), *args[:2], jnp.stack(numbers), jnp.asarray(trial.holds), jnp.asarray(fixed), kind
+            jnp.asarray(z, dtype), *args[:2], jnp.asarray(v, dtype), jnp.asarray(trial.holds), jnp.asarray(fixed), kind
         )
         # Least squares instead of a solve: with redundant active constraints the multipliers are not unique.
         z = z - np.linalg.lstsq(np.asarray(slopes, np.float64), np.asarray(rest, np.float64))[0]
@@ -315,7 +319,7 @@ def _balanced(v: np.ndarray, fixed: np.ndarray, slack: float, args: tuple[Any, .
     The slack is relative to what the levels, logarithms themselves, can move: to 1.
     """
     k = args[-1].k
-    (_, held), (slope, slopes) = _at(v, args)
+    (_, held), (slope, slopes) = _Functions(*args)(v)
     sums = np.concatenate([np.ones(k), np.zeros(len(v) - k)])
     near = np.flatnonzero(held < slack)
     # Stationarity as nonnegative least squares: inequality multipliers ≥ 0; the equality's is free, so it enters with
@@ -326,6 +330,14 @@ def _balanced(v: np.ndarray, fixed: np.ndarray, slack: float, args: tuple[Any, .
     held_by[near], held_by[-1] = forces[: len(near)], forces[len(near)] - forces[len(near) + 1]
     # Strictly active only: a constraint that is met but pulls nothing would make the derivative's system singular.
     holds = held_by[:-1] > 1e-9 * np.linalg.norm(slope)
+    if fixed.any() and holds.any():
+        # Between uniform maps both errors jump alike: constraints that differ in what is fixed alone are one. Holding
+        # both would leave their multipliers without an answer. A solution of nnls has independent columns.
+        kept = np.flatnonzero(holds)
+        columns = np.stack([*slopes[kept], sums, -sums], axis=-1)[~fixed]
+        shares, _ = nnls(columns, slope[~fixed])
+        held_by[:-1][kept], held_by[-1] = shares[: len(kept)], shares[len(kept)] - shares[len(kept) + 1]
+        holds = held_by[:-1] > 1e-9 * np.linalg.norm(slope)
     residual = np.asarray(rest / np.linalg.norm(slope))
     return _Point(v, held_by, holds, fixed, residual, np.asarray(max(0.0, -float(held.min()))))
 
