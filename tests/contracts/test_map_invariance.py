@@ -33,7 +33,7 @@ from shadowjax.warps.uniform import UniformFit
 pytestmark = pytest.mark.optimised
 
 RESOLUTION = 512
-WITHOUT_BIAS = ("three-js",)  # its own default, which leaves acne
+WITHOUT_BIAS = ("three-js", "three-js-csm")  # their own defaults, which leave acne
 EPS = float(jnp.finfo(jnp.float32).eps)
 # Metres by which a shadow may be off: a few texels of a map of the view.
 BLUR = 0.1
