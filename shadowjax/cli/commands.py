@@ -281,8 +281,9 @@ def taps_search(chosen: options.TapsSearch) -> int:
 
 def _views(search: options.SearchOptions, names: Sequence[str], steps: Steps) -> tuple[Any, ...]:
     """Scenes looked at, each with its map."""
-    from shadowjax.optimize.viewed.views import view_scene
+    from shadowjax.optimize.viewed.views import PICTURE_OBJECTIVES, view_scene
 
+    require_choice(search.objective, "--objective", PICTURE_OBJECTIVES)
     picture = options.PictureOptions(search.width, search.height, 1, search.resolution)
     scenes = [open_scene(name, options.SceneOptions(), picture) for name in names]
     made = []

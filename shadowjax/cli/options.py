@@ -312,8 +312,8 @@ class SearchOptions:
     """Pixels down."""
     resolution: Side = 256
     """Texels along each side of a shadow map."""
-    objective: Literal["light", "visibility"] = "light"
-    """What the error is of: received light, where grazing incidence hardly counts, or visibility."""
+    objective: Annotated[str, arg(metavar="NAME")] = "light"
+    """What the error is of: light, received light, where grazing incidence hardly counts, or visibility."""
     json: Annotated[str | None, _FILE] = None
     """File for the result; `-` writes to standard output and nothing else there."""
     config: Annotated[str | None, _FILE] = None
