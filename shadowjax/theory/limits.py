@@ -91,25 +91,6 @@ def measured_exponent(
 
 
 @checked
-def fourier_step(offset: ArrayLike, num_terms: int, damping: float = 0.0) -> Float[Array, "..."]:
-    """Truncated Fourier series of the shadow test: ½ + 2 Σ e^{−α(k/M)²} sin(c_k t)/c_k with c_k = π(2k − 1).
-
-    Args:
-        offset: t = z − d in (−1, 1): stored less receiver's depth.
-        num_terms: M ≥ 1.
-        damping: α ≥ 0.
-
-    Source: filtering, eq. 2.16–2.17 with the sign that its eq. 2.1 asks for, and section 2.4.3.
-    """
-    require_int(num_terms, "the number of terms M", 1)
-    t = jnp.asarray(offset, jnp.result_type(float))[..., None]
-    k = jnp.arange(1, num_terms + 1, dtype=t.dtype)
-    frequency = jnp.pi * (2 * k - 1)
-    weight = jnp.exp(-damping * (k / num_terms) ** 2)
-    return 0.5 + 2 * jnp.sum(weight * jnp.sin(frequency * t) / frequency, axis=-1)
-
-
-@checked
 def gibbs_peak(num_terms: int | None, damping: float = 0.0) -> float:
     """Largest value of the series: how far above 1 light rings next to a shadow edge.
 
@@ -269,7 +250,7 @@ def measured_deviation(mean: float, dtype: DType, num_pairs: int = 4096) -> floa
 
 
 __all__ = [
-    "exponential_bleed", "exponential_variance_bleed", "fourier_step", "gibbs_peak", "largest_exponent",
-    "largest_receiver_exponent", "least_bleed_clamp", "measured_deviation", "measured_exponent", "smallest_deviation",
+    "exponential_bleed", "exponential_variance_bleed", "gibbs_peak", "largest_exponent", "largest_receiver_exponent",
+    "least_bleed_clamp", "measured_deviation", "measured_exponent", "smallest_deviation",
     "step_slope", "variance_bleed",
 ]  # fmt: skip

@@ -114,7 +114,7 @@ REASONS: tuple[tuple[str, str], ...] = (
     (r"split_rules\.iterate_adaptive: constant: 0 → 0\.01", "whether to clamp at all, for shares from 0 to 1 %"),
     (
         r"multi_depth\.(ring_offsets|_ring_cells)",
-        "gap: the row counts the depths of a ring, not where they lie; tests of the filter check that",
+        "gap of the record: it was made before a row asked where the depths of a ring lie",
     ),
     (r"minimax\.(balanced|least_storage)", "gap: a branch that the views of the row do not take"),
     (r"prediction\.error_z: factor: resolution_ratio \* texel → texel", "gap: rows set the ratio of the maxima only"),

@@ -4,7 +4,7 @@ import math
 from fractions import Fraction
 
 from shadowjax.ledger.equation import Correction, Equation, Inputs, Unavailable
-from shadowjax.ledger.filtering import bases, exponential, limits, moments
+from shadowjax.ledger.filtering import applied, bases, exponential, limits, moments
 from shadowjax.theory import memory
 
 # Technique of Table 4.2 -> (bytes a texel with mip levels, bytes a texel without), as its text says.
@@ -119,6 +119,7 @@ EQUATIONS: tuple[Equation, ...] = (
     *bases.EQUATIONS,
     *exponential.EQUATIONS,
     *limits.EQUATIONS,
+    *applied.EQUATIONS,
     Equation(
         id="filtering.Tab4.2.bytes",
         source="filtering, Table 4.2",

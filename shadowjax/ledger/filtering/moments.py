@@ -88,6 +88,12 @@ def _lit_share(inputs: Inputs) -> float:
     return 1 - sum(w for w, z in zip(weights, depths, strict=True) if inputs.number("d") > z)
 
 
+def _lit_share_measured(inputs: Inputs) -> float:
+    """The package's test of every occluder."""
+    weights, depths = (jnp.asarray(part, default_dtype()) for part in occluders(inputs))
+    return float(jnp.sum(weights * is_lit(depths, jnp.asarray(inputs.number("d"), default_dtype()))))
+
+
 def _bilinear(inputs: Inputs) -> float:
     """Weights by the distances to the opposite texels, of the four test results."""
     x, y, d = inputs.number("theta"), inputs.number("phi"), inputs.number("d")
@@ -283,13 +289,15 @@ EQUATIONS: tuple[Equation, ...] = (
         verdict="erratum",
         closed_form=_lit_share,
         independent=lambda i: i.number("p") if i.number("d") > i.number("z_occ") else 1.0,
+        measured=_lit_share_measured,
+        measured_tolerance=1e-6,
         correction=Correction(
             printed="P(z ≥ d) is the share whose test is negative",
             corrected="it is the share whose test (2.1) is positive",
             printed_form=lambda i: 1 - _lit_share(i),
             counterexample={**_TWO, "p": 0.25, "d": 0.6},
         ),
-        samples=({**_TWO, "p": 0.25, "d": 0.6}, {**_TWO, "p": 0.9, "d": 0.7}),
+        samples=tuple({**_TWO, "p": p, "d": d} for p, d in ((0.25, 0.6), (0.9, 0.7), (0.5, 0.1))),
     ),
     Equation(
         id="filtering.Eq2.8.I",

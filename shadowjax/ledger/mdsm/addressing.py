@@ -7,6 +7,7 @@ from fractions import Fraction
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax.filters import multi_depth
 from shadowjax.ledger.equation import Correction, Equation, Inputs, Unavailable
 from shadowjax.ledger.mdsm import measured as real
 from shadowjax.maps.sampling import texel_index
@@ -165,10 +166,64 @@ def _own_depth(inputs: Inputs, plane: int) -> float:
     return float(real.planes(jnp.asarray(depth), "2-SM max")[plane, 1, 1])
 
 
+def _ring_walked(i: Inputs) -> list[tuple[int, int]]:
+    """Every n-th cell of a walk round the ring, from each start; the first walk whose cells add up to least."""
+    r, count = i.integer("radius"), i.integer("n") - 1
+    top, right = [(-r, c) for c in range(r)], [(row, r) for row in range(-r, r)]
+    half = [*top, *right, *((r, c) for c in range(r, 0, -1))]
+    cells = [*half, *((-row, -c) for row, c in half)]
+
+    def walk(start: int) -> list[tuple[int, int]]:
+        return [cells[(start + k * len(cells) // count) % len(cells)] for k in range(count)]
+
+    return min((walk(start) for start in range(len(cells))), key=lambda w: np.sum(np.square(np.sum(w, axis=0))))
+
+
+def _policy_read(policy: multi_depth.DepthPolicy) -> list[float]:
+    """Number, middle, spread and reach of the offsets that a policy reads from, seen on a map of places."""
+    size = 17
+    places = np.arange(size * size, dtype=float).reshape(size, size)
+    read = np.asarray(policy.planes(jnp.asarray(places)))[:, size // 2, size // 2]
+    offsets = np.stack(np.divmod(read, size), axis=-1) - size // 2
+    middle = offsets.mean(axis=0)
+    return [len(read), *middle.tolist(), float(np.abs(offsets - middle).max()), float(np.abs(offsets).max())]
+
+
+def _policy(i: Inputs) -> multi_depth.DepthPolicy:
+    if "n" in i:
+        return multi_depth.Ring(i.integer("n"), i.integer("radius"))
+    return multi_depth.FixedNeighbour((i.integer("row"), i.integer("col")))
+
+
+def _policy_said(i: Inputs) -> list[float]:
+    policy = _policy(i)
+    return [policy.num_depths, *policy.centroid, policy.spread, policy.radius]
+
+
+_RINGS = tuple({"n": n, "radius": r} for n, r in ((2, 1), (4, 1), (6, 1), (8, 1), (9, 1), (6, 2), (12, 2), (8, 3)))
 _SIZES = ({"D": 512}, {"D": 256}, {"D": 100}, {"D": 37})
 _LIT_TAPS = {"n": 2, "shadowed": [2, 1, 0, 0, 2, 1, 0, 0, 1]}
 
 EQUATIONS: tuple[Equation, ...] = (
+    Equation(
+        id="mdsm.ring.offsets",
+        source="mdsm, section 4.5.4",
+        statement="Offsets of an n-SM's extra samples, evenly round a square ring and turned to lie about the texel.",
+        verdict="holds",
+        closed_form=lambda i: multi_depth.ring_offsets(i.integer("n"), i.integer("radius")),
+        independent=_ring_walked,
+        samples=_RINGS,
+    ),
+    Equation(
+        id="mdsm.policy.offsets",
+        source="mdsm, sections 4.5.2 and 4.5.4",
+        statement="Number, middle, spread and reach of the depths that a policy reads.",
+        verdict="holds",
+        closed_form=_policy_said,
+        measured=lambda i: _policy_read(_policy(i)),
+        measured_tolerance=1e-6,
+        samples=(*_RINGS, {"n": 1, "radius": 1}, {"row": 2, "col": -1}, {"row": 0, "col": 3}),
+    ),
     Equation(
         id="mdsm.Eq4.3.x",
         source="mdsm, eq. 4.3",

@@ -217,7 +217,9 @@ EQUATIONS: tuple[Equation, ...] = (
         condition="Texel length taken along the view axis, which is no beam thickness for γ < π/2.",
     ),
     equation(
-        "Eq37.ratio_dz_over_true", "eq. 37", "Printed over true m_z is 1/sin γ.", lambda i: 1 / frustum(i).sine, ANY,
+        "Eq37.ratio_dz_over_true", "eq. 37", "Printed over true m_z is 1/sin γ.",
+        lambda i: _literal(i) / (ratio(i) * error_z(frustum(i), number(i, "nprime"), number(i, "z"))), ANY,
+        recomputed=lambda i: 1 / math.sin(i.angle("gamma_deg")),
         independent=lambda i: (lambda r: r[2][0] / r[3][0])(rates(frustum(i), _some(i), frustum(i).far / 2)),
     ),
     equation(
