@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tests.ledger import mutants
+from tests.ledger import mutant_reasons, mutant_syntax, mutants
 
 ROOT = Path(__file__).parents[2]
 
@@ -29,7 +29,7 @@ def test_the_record_is_complete():
     record = json.loads(mutants.RECORD.read_text(encoding="utf-8"))
     survivors = [name for name, row in record["mutants"].items() if not row]
     assert len(survivors) <= 0.05 * len(record["mutants"])
-    assert not [name for name in survivors if not mutants.reason_of(name)]
+    assert not [name for name in survivors if not mutant_reasons.reason_of(name)]
     silent = {name for name, mutant in record["rows"].items() if not mutant}
     assert silent <= {
         "warping.Eq54.k_opt_real",
@@ -42,10 +42,10 @@ def test_the_record_is_complete():
 def test_a_function_has_mutants_of_every_kind():
     made = [
         one
-        for one in mutants.mutants("theory.aliasing.near_distances")
+        for one in mutant_syntax.mutants("theory.aliasing.near_distances")
         if one.place == "theory.aliasing.near_distances.eta_from_near_distance"
     ]
     assert {one.kind for one in made} >= {"constant", "sign", "term", "factor", "ends"}
-    assert {one.kind for one in mutants.mutants("theory.aliasing.optimal")} >= {"extreme"}
+    assert {one.kind for one in mutant_syntax.mutants("theory.aliasing.optimal")} >= {"extreme"}
     assert len({one.id for one in made}) == len(made)
     assert len(made) > 20

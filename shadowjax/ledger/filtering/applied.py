@@ -7,11 +7,11 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from shadowjax.ledger.equation import Equation, Inputs
-from shadowjax.ledger.warping.tools import in_double
 from shadowjax.filters import convolution, exponential, variance
 from shadowjax.filters.base import Lookup
 from shadowjax.filters.prefilter import Prefilter
+from shadowjax.ledger.equation import Equation, Inputs
+from shadowjax.ledger.warping.tools import in_double
 
 _FORMATS = {"float16": (jnp.float16, np.float16), "float32": (jnp.float32, np.float32)}
 # Depths of a small map: a plane, a crease, a jump, a spike.

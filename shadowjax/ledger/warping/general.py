@@ -218,7 +218,7 @@ EQUATIONS: tuple[Equation, ...] = (
     ),
     equation(
         "Eq37.ratio_dz_over_true", "eq. 37", "Printed over true m_z is 1/sin γ.",
-        lambda i: _literal(i) / (ratio(i) * error_z(frustum(i), number(i, "nprime"), number(i, "z"))), ANY,
+        lambda i: _literal(i) / error_z(frustum(i), number(i, "nprime"), number(i, "z"), 0.0, ratio(i)), ANY,
         recomputed=lambda i: 1 / math.sin(i.angle("gamma_deg")),
         independent=lambda i: (lambda r: r[2][0] / r[3][0])(rates(frustum(i), _some(i), frustum(i).far / 2)),
     ),
