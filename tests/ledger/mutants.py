@@ -64,10 +64,9 @@ class Journal:
             out.write(json.dumps(words, ensure_ascii=False) + "\n")
 
 
-def supervised(words: list[str], file: Path) -> int:
-    """Run the tool in a process of its own, again whenever the limit of processor time ends it."""
-    command = [sys.executable, "-m", "tests.ledger.mutants", *words, "--journal", str(file), "--worker"]
-    while (code := subprocess.run(command, check=False).returncode) == -signal.SIGVTALRM:
+def supervised(command: list[str], file: Path) -> int:
+    """Run a command that keeps a journal, again whenever the limit of processor time ends it."""
+    while (code := subprocess.run([*command, "--journal", str(file)], check=False).returncode) == -signal.SIGVTALRM:
         kind, mutant, row = json.loads(file.read_text(encoding="utf-8").splitlines()[-1])
         assert kind == "try", "only a mutant's row has a limit"
         print(f"{mutant}  |  {row}  {ENDLESS}", file=sys.stderr, flush=True)
@@ -106,7 +105,7 @@ class Row:
         return max(SECONDS, 4 * self.seconds)
 
 
-def _fails(equation: equation_module.Equation, limit: float) -> str:
+def failure(equation: equation_module.Equation, limit: float) -> str:
     """Why a row fails: the first check that does, or an exception; empty if it passes."""
 
     def late(*_: Any) -> None:
@@ -155,7 +154,7 @@ def trace(patcher: Patcher, prefixes: tuple[str, ...], say: Callable[[str], None
                 clear()
             seen.clear()
             start = time.process_time()
-            reason = _fails(equation, 600.0)
+            reason = failure(equation, 600.0)
             if reason:
                 raise RuntimeError(f"{equation.id} fails as it is: {reason}")
             rows.append(Row(equation, time.process_time() - start, set(seen)))
@@ -172,7 +171,7 @@ def _test(mutant: Mutant, rows: list[Row], patcher: Patcher, journal: Journal) -
     with patcher.patched(mutant.module, mutant.code()):
         for row in rows:
             journal.note("try", mutant.id, row.equation.id)
-            if reason := _fails(row.equation, row.limit):
+            if reason := failure(row.equation, row.limit):
                 journal.note("noticed", mutant.id, row.equation.id, reason)
                 return row.equation.id, reason
     return "", ""
@@ -329,7 +328,7 @@ def sample(count: int, seed: int, say: Callable[[str], None]) -> list[str]:
     for mutant in random.Random(seed).sample(every, min(count, len(every))):
         row = known[by_row[mutant.id]]
         with patcher.patched(mutant.module, mutant.code()):
-            reason = _fails(row, 6 * SECONDS)
+            reason = failure(row, 6 * SECONDS)
         say(f"{mutant.id}  |  {row.id}  {reason or 'SURVIVES'}")
         if not reason:
             missed.append(mutant.id)
@@ -364,7 +363,8 @@ def main() -> int:
         return 0
     if not chosen.worker:
         with tempfile.TemporaryDirectory() as folder:
-            return supervised(sys.argv[1:], chosen.journal or Path(folder) / "journal")
+            command = [sys.executable, "-m", "tests.ledger.mutants", *sys.argv[1:], "--worker"]
+            return supervised(command, chosen.journal or Path(folder) / "journal")
     empty: Record = {"mutants": {}, "rows": {}, "unused": [], "endless": []}
     old = pruned(json.loads(chosen.write.read_text(encoding="utf-8")) if chosen.add else empty)
     result = added(old, run(modules, tuple(chosen.rows), say, Journal(chosen.journal), old), tuple(modules))
