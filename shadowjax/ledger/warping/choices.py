@@ -1,11 +1,13 @@
 """Ledger beyond the warping chapter: what else a map may be best for, more rules for splits, and η of an n'."""
 
+import functools
 import math
 from decimal import Decimal, localcontext
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -14,7 +16,7 @@ from shadowjax.ledger.inputs import Inputs
 from shadowjax.ledger.warping.tools import derived_errors, derived_max, equal_errors, equation, frustum, number, root
 from shadowjax.theory.aliasing import near_distances, storage
 from shadowjax.theory.aliasing.error import max_error_x, max_error_z, storage_factor
-from shadowjax.theory.aliasing.light_frustum import Section
+from shadowjax.theory.aliasing.light_frustum import LightFrustum, Section
 from shadowjax.theory.aliasing.optimal import balanced, least_storage, minimax
 from shadowjax.theory.aliasing.split_rules import adaptive_splits, practical_splits
 from shadowjax.warps.logarithmic import log_distance, log_error_z
@@ -59,11 +61,15 @@ def _least_storage(i: Inputs):
     return storage_factor(view, least_storage(view, _section(i)), _section(i))
 
 
+@functools.partial(jax.jit, static_argnames="section")
+def _larger_error(view: LightFrustum, ratio_x: float, ratio_z: float, section: Section):
+    """At the best n'. Compiled once for a section: plain calls compile their bisection each time."""
+    q = balanced(view, ratio_x, ratio_z, section)
+    return jnp.maximum(max_error_x(view, q, section, ratio_x), max_error_z(view, q, section, ratio_z))
+
+
 def _least_of_two(i: Inputs):
-    view, section = frustum(i), _section(i)
-    ratios = i.number("ratio_x", default=1.0), i.number("ratio_z", default=1.0)
-    q = balanced(view, *ratios, section)
-    return jnp.maximum(max_error_x(view, q, section, ratios[0]), max_error_z(view, q, section, ratios[1]))
+    return _larger_error(frustum(i), i.number("ratio_x", default=1.0), i.number("ratio_z", default=1.0), _section(i))
 
 
 def _two_errors(i: Inputs, view: brute.View, q: Any):
