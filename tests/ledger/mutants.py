@@ -187,7 +187,8 @@ def run(
         prefixes: Beginnings of the ids of the rows to look at.
         say: Called with a line for each thing done.
         journal: What is known of this run.
-        old: An earlier record: mutants that it knows to be noticed are not tried again, nor rows that notice one.
+        old: An earlier record: mutants that it knows to be noticed, or that no row can notice, are not tried again,
+            nor rows that notice one.
 
     Returns:
         For each mutant the row that noticed it, or an empty name; for each row a mutant that it fails for, likewise;
@@ -203,7 +204,7 @@ def run(
         if mutant.place in ran and mutant.place not in OTHERS
     ]
     known = {one.id for one in every}
-    found: dict[str, str] = {name: row for name, row in old["mutants"].items() if row and name in known}
+    found = {name: row for name, row in old["mutants"].items() if name in known and (row or _is_equivalent(name))}
     noticed: dict[str, str] = {row.equation.id: old["rows"].get(row.equation.id, "") for row in rows}
     endless = {one for one in old["endless"] if one in found}
     helped: dict[str, set[str]] = {}  # function → rows that noticed one of its mutants
@@ -249,6 +250,11 @@ def run(
         noticed[row.equation.id] = at.id if at else ""
         say(f"{row.equation.id}  fails for  {noticed[row.equation.id] or 'NOTHING'}")
     return {"mutants": found, "rows": noticed, "unused": unused, "endless": sorted(endless)}
+
+
+def _is_equivalent(name: str) -> bool:
+    reason = reason_of(name)
+    return reason != "" and not reason.startswith("gap")
 
 
 @functools.cache
