@@ -22,15 +22,20 @@ from shadowjax.cli.scene_choice import open_scene
 
 def run(chosen: Any) -> int:
     """Run the command whose options these are; the exit code."""
-    _keep_compiled()
+    # The ledger runs thousands of small programs once each: kept, its second run takes a fraction of the first.
+    _keep_compiled(least_seconds=0.0 if isinstance(chosen, options.Verify) else 0.2)
     target = getattr(getattr(chosen, "search", chosen), "json", None)
     if target not in (None, "-"):
         io.check_output(target)  # complain before the work, not after it
     return _RUN[type(chosen)](chosen)
 
 
-def _keep_compiled() -> None:
-    """Keep compiled programs in the user's cache, so that the second run starts at once; leave a user's own choice."""
+def _keep_compiled(least_seconds: float) -> None:
+    """Keep compiled programs in the user's cache, so that the second run starts at once; leave a user's own choice.
+
+    Args:
+        least_seconds: Time of compilation from which a program is kept.
+    """
     chosen: str | None = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
     if chosen is not None:
         try:
@@ -46,7 +51,7 @@ def _keep_compiled() -> None:
     except (ValueError, RuntimeError):
         return  # no home, or a read-only one: compile every time
     jax.config.update("jax_compilation_cache_dir", str(folder))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", least_seconds)
 
 
 def _caster(picture: options.PictureOptions) -> Any:

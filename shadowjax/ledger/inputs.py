@@ -108,8 +108,8 @@ def relative_error(value: Any, expected: Any) -> float:
 
     Strings that spell numbers are numbers. What cannot be compared gives LARGEST_ERROR.
     """
-    if isinstance(expected, list | tuple | np.ndarray):
-        if not isinstance(value, list | tuple | np.ndarray) or len(value) != len(expected):
+    if _is_sequence(expected) or _is_sequence(value):
+        if not (_is_sequence(expected) and _is_sequence(value)) or len(value) != len(expected):
             return LARGEST_ERROR
         return max((relative_error(a, b) for a, b in zip(value, expected, strict=True)), default=0.0)
     if isinstance(expected, bool | np.bool_) or isinstance(value, bool | np.bool_):
@@ -120,6 +120,10 @@ def relative_error(value: Any, expected: Any) -> float:
         return 0.0 if str(value) == str(expected) else LARGEST_ERROR
     difference = abs(got - want) / (abs(want) if want else 1)
     return min(float(difference), LARGEST_ERROR) if difference < 10**299 else LARGEST_ERROR
+
+
+def _is_sequence(value: Any) -> bool:
+    return isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
 
 
 def _finite_exact(value: Any) -> Fraction:

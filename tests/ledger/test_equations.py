@@ -116,6 +116,8 @@ def test_inputs_read_every_spelling():
         ("lit", "lit", 0.0),
         ("lit", "dark", LARGEST_ERROR),
         (True, False, LARGEST_ERROR),
+        ([True, False], True, LARGEST_ERROR),
+        (True, [True, False], LARGEST_ERROR),
         (np.arange(3), [0, 1, 2], 0.0),
         (np.float32(0.5), "0.5", 0.0),
     ],

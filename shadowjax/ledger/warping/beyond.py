@@ -309,7 +309,8 @@ _WHERE = "beyond eq. 42"
 EQUATIONS: tuple[Equation, ...] = (
     *(equation(
         f"beyond.nprime_minimax_{name}", _WHERE, "n' of least M_z for any γ: max(equalising n', E·W/(W − 2E)).", _best,
-        SWEEP, independent=lambda i: _golden(i, SECTIONS[i.text("section")])[0], tolerance=1e-5,
+        (*SWEEP, {**VIEW, "gamma_deg": 33.2}),
+        independent=lambda i: _golden(i, SECTIONS[i.text("section")])[0], tolerance=1e-5,
         pattern=rf"warping\.beyond\.nprime_minimax_(?P<section>{name})",
     ) for name in SECTIONS),
     *(equation(

@@ -17,7 +17,7 @@ from shadowjax.ledger.warping.tools import derived_errors, derived_max, equal_er
 from shadowjax.theory.aliasing import near_distances, storage
 from shadowjax.theory.aliasing.error import max_error_x, max_error_z, storage_factor
 from shadowjax.theory.aliasing.light_frustum import LightFrustum, Section
-from shadowjax.theory.aliasing.optimal import balanced, least_storage, minimax
+from shadowjax.theory.aliasing.optimal import balanced, least_storage, minimax, storage_minimum, storage_strength
 from shadowjax.theory.aliasing.split_rules import adaptive_splits, practical_splits
 from shadowjax.warps.logarithmic import log_distance, log_error_z
 
@@ -59,6 +59,28 @@ def _searched(error: Any):
 def _least_storage(i: Inputs):
     view = frustum(i)
     return storage_factor(view, least_storage(view, _section(i)), _section(i))
+
+
+def _stationary_storage(i: Inputs):
+    """n' and 1/n' where the formula of S beyond the equalising n' is stationary."""
+    view, section = frustum(i), _section(i)
+    return jnp.stack([storage_minimum(view, section), storage_strength(view, section)])
+
+
+def _stationary_storage_bisected(i: Inputs) -> list[float]:
+    """The same from the slope of ln S of the near plane's error, at corners of the NumPy view."""
+    view, top = plain(i), 1.0 if i.text("section") == "whole" else 0.0
+    corners = view.corners()
+    lowest = corners.min(axis=0)
+    rise, far_rise = view.height(view.near, top * view.near * view.tan_y) - lowest, corners[2] - lowest
+    extent = corners.max(axis=0) - lowest
+
+    def slope(log_q: Any):
+        q = np.exp(log_q)
+        return 3 * q / (q + rise) - q / (q + far_rise) - 1 - q / (q + extent)
+
+    found = float(np.exp(brute.bisected(slope, np.log(1e-6 * view.near), np.log(1e6 * view.far))))
+    return [found, 1 / found]
 
 
 @functools.partial(jax.jit, static_argnames="section")
@@ -212,6 +234,11 @@ EQUATIONS = (
         independent=_searched(lambda i, view, q: brute.storage(view, q, i.text("section"))), tolerance=1e-8,
     ),
     equation(
+        "beyond.stationary_storage", "beyond eq. 31", "n' and 1/n' of 3/(n' + E) = 1/(n' + o) + 1/n' + 1/(n' + W).",
+        _stationary_storage, tuple({**light, **shape} for light in (*LIGHTS[:2], LIGHTS[3]) for shape in _SHAPES),
+        independent=_stationary_storage_bisected, verdict="conditional", condition="o + W > 3E.",
+    ),
+    equation(
         "beyond.least_of_both", "beyond eq. 42", "Least max(M_x, M_z) over all n', at given resolutions.",
         _least_of_two,
         tuple({**light, **shape, "ratio_x": x, "ratio_z": z}
@@ -241,7 +268,7 @@ EQUATIONS = (
         "Eq32.eta", "eq. 32", "η of a near distance: −1 is the uniform map, 0 LiSPSM, 1 PSM.",
         lambda i: near_distances.eta_from_near_distance(frustum(i), number(i, "nprime")),
         tuple({"n": n, "f": f, "nprime": q}
-              for n, f, q in ((2, 70, 2), (2, 70, 6), (2, 70, 13), (2, 70, 40), (0.3, 9, 1.1))),
+              for n, f, q in ((2, 70, 2), (2, 70, 6), (2, 70, 13), (2, 70, 13.825), (2, 70, 40), (0.3, 9, 1.1))),
         independent=_eta_from_maxima, tolerance=1e-8,
     ),
     equation(

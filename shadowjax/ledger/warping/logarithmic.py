@@ -16,6 +16,7 @@ from shadowjax.warps.logarithmic import LogarithmicWarp, log_distance, log_error
 # Corners of a trapezium: half widths 1 and 4 at heights 0.5 and 6.
 _CORNERS = ((-1.0, 0.5), (1.0, 0.5), (-4.0, 6.0), (4.0, 6.0))
 _PLACES = ((0.3, 0.5), (-1.5, 3.0), (2.0, 6.0))
+_BEYOND = (0.4, 2.01e-6, 1.5e-6, -5e-3, -1.8)  # the centre of projection, of the lowest corner's distance from it
 _SECTIONS: dict[str, Section] = {"axis": "axis", "whole": "whole"}
 
 
@@ -42,9 +43,14 @@ def _rates(i: Inputs):
     return jnp.stack([rates[:, 0, 0], rates[:, 1, 1]], axis=-1)
 
 
+def _places_about_centre(i: Inputs) -> list[tuple[float, float]]:
+    """Places before, next to and behind the centre of projection, 1/strength below the lowest corner."""
+    return [*_PLACES, *((0.0, 0.5 + (beyond - 1) / i.number("strength")) for beyond in _BEYOND)]
+
+
 def _is_regular(i: Inputs) -> list[bool]:
-    """Whether a place lies in front of the centre of projection, 1/strength below the lowest corner."""
-    return [i.number("strength") * (z - 0.5) > -1 + 2e-6 for _, z in (*_PLACES, (0.0, -1.4), (0.0, -9.0))]
+    """Whether a place lies in front of the centre of projection by more than rounding."""
+    return [True] * len(_PLACES) + [beyond > 2e-6 for beyond in _BEYOND]
 
 
 def _best(i: Inputs):
@@ -91,12 +97,12 @@ _VIEWS = (
 EQUATIONS: tuple[Equation, ...] = (
     equation(
         "Eq48.st", "eq. 48", "(s, t) of the logarithmic map, and its limit of strength 0.",
-        lambda i: _warp(i).forward(jnp.asarray(_PLACES)), _STRENGTHS, independent=_square, tolerance=3e-13,
+        lambda i: _warp(i).forward(jnp.asarray(_PLACES)), _STRENGTHS, independent=_square, tolerance=2e-14,
     ),
     equation(
         "Eq48.inverse", "eq. 48", "Places of (s, t) of the logarithmic map.",
         lambda i: _warp(i).inverse(jnp.asarray(_square(i))), _STRENGTHS,
-        independent=lambda i: np.asarray(_PLACES), tolerance=3e-13,
+        independent=lambda i: np.asarray(_PLACES), tolerance=2e-14,
     ),
     equation(
         "Eq45.widths", "eq. 45", "Lengths of the steps of s and t on the plane grow as u + c.",
@@ -104,8 +110,8 @@ EQUATIONS: tuple[Equation, ...] = (
     ),
     equation(
         "Eq48.regular", "eq. 48", "Places in front of the centre of projection.",
-        lambda i: _warp(i).regular(jnp.asarray((*_PLACES, (0.0, -1.4), (0.0, -9.0)))),
-        ({"strength": 0.3}, {"strength": 0.6}), independent=_is_regular,
+        lambda i: _warp(i).regular(jnp.asarray(_places_about_centre(i))), ({"strength": 0.3}, {"strength": 0.6}),
+        independent=_is_regular,
     ),
     equation(
         "beyond.log_c", "beyond eq. 49", "The c of least M_z for a logarithmic warp, for any γ.", _best, _VIEWS,
