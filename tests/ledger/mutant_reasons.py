@@ -35,9 +35,19 @@ REASONS: tuple[tuple[str, str], ...] = (
     (r"near_distances\.(psm|wimmer): .*jnp\.zeros_like", "a zero that only gives the answer the shape of γ"),
     (r"near_distance_from_eta: constant: 0 → 0\.01  in  negative", "a branch that is not taken for η > 0"),
     (
-        r"LightFrustum\.(uniform_near_distance|ratio|bounded): .*(eps|uniform_near_distance)",
+        r"LightFrustum\.(uniform_near_distance|ratio|bounded): .*(eps|uniform_near_distance|tiny)",
         "the finite number that stands for n' = ∞: any so large gives the uniform map to rounding",
     ),
+    (
+        r"LogarithmicWarp\.forward: .*CLOSEST - 1",
+        "places behind the centre of projection, where there is no map and numbers are only kept finite",
+    ),
+    (r"logarithmic\._(log|exp)_ratio: .*x / (5|120)$", "the last term of a series, no larger than what a row allows"),
+    (
+        r"logarithmic\.log_distance: constant: (0\.01 → 0\.0101|30 → )",
+        "where a series takes over, which is right on both sides, and its last term, below what a row allows",
+    ),
+    (r"optimal\.balanced: .*lowest = larger", "the lower end of a search, below the root that it brackets"),
     (
         r"half_width: .*low_near",
         "low_near is not 0 for γ < φ alone, where the far corners are the wider whatever the near ones are",
@@ -49,7 +59,10 @@ REASONS: tuple[tuple[str, str], ...] = (
         "any negative number marks an entry as visible, and leaves the length of an array to NumPy",
     ),
     (r"split_rules\.iterate_adaptive: constant: 0 → 0\.01", "whether to clamp at all, for shares from 0 to 1 %"),
-    (r"optimal\.balanced", "gap: a branch that the views of the row do not take"),
+    (
+        r"optimal\.storage_minimum: constant: 0 → 0\.01  in  (away|return)",
+        "a guard of a number that is not negative, and where two forms of one root change over",
+    ),
     (r"split_rules\.adaptive_splits: ends: near → far  in  right_angle", "two numbers of one dtype"),
     (
         r"half_plane_windows: (constant: 2 → 3  in  reach|sign: -turned)",

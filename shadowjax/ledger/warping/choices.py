@@ -30,6 +30,13 @@ THIN = tuple(
 )
 OTHER = ({"n": 1, "f": 4, "phi_y_deg": 20, "phi_x_deg": 35, "gamma_deg": 12},)
 
+# with image over map resolutions, across and along
+_AT_RESOLUTIONS = (
+    *zip(LIGHTS, (1, 9, 1, 0.2, 2), (20, 1, 4, 30, 1), strict=True),
+    (OTHER[0], 1, 0.4),
+    (LIGHTS[2], 1.5, 6),
+)
+
 
 def plain(i: Inputs, gammas: Any = None) -> brute.View:
     """A row's view in NumPy, under its own light or others."""
@@ -242,7 +249,7 @@ EQUATIONS = (
         "beyond.least_of_both", "beyond eq. 42", "Least max(M_x, M_z) over all n', at given resolutions.",
         _least_of_two,
         tuple({**light, **shape, "ratio_x": x, "ratio_z": z}
-              for light, x, z in zip(LIGHTS + OTHER, (1, 9, 1, 0.2, 2, 1), (20, 1, 4, 30, 1, 0.4), strict=True)
+              for light, x, z in _AT_RESOLUTIONS
               for shape in _SHAPES),
         independent=_searched(_two_errors), tolerance=1e-7,
     ),
