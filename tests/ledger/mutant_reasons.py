@@ -50,6 +50,26 @@ REASONS: tuple[tuple[str, str], ...] = (
         r"logarithmic\.log_distance: constant: (0\.01 → 0\.0101|30 → )",
         "where a series takes over, which is right on both sides, and its last term, below what a row allows",
     ),
+    (
+        r"surface_slopes: (constant: 0 → 0\.01$|term: step\.shape|constant: 1 → 1\.01  in  return)",
+        "an index that becomes a whole number, the last one counted from the end, and sizes, which are whole",
+    ),
+    (r"variance\.depth_moments: constant: 0 →", "whether to leave out slopes that count nothing"),
+    (
+        r"Exponential\.visibility: constant: 0\.0 →",
+        "receivers no farther than the nearest depth of the map, which are lit either way",
+    ),
+    (
+        r"Exponential\.visibility: .*fails = mean > 1",
+        "gap: a mean between 1 and 1.02 over a texel that is in shadow itself",
+    ),
+    (
+        r"multi_depth\._ring_cells",
+        "cells beyond the ring are left out, and any turn beyond 2π keeps the order of angles",
+    ),
+    (r"multi_depth\._beside: ", "rings of more than one sample lie evenly across columns: their middle column is 0"),
+    (r"Ring\.__check_init__", "a check of an argument"),
+    (r"LightFrustum\.slack: constant: 0", "gap: views whose lower edge rises by less than 1 % of depth"),
     (r"optimal\.balanced: .*lowest = larger", "the lower end of a search, below the root that it brackets"),
     (
         r"half_width: .*low_near",

@@ -14,10 +14,10 @@ from shadowjax.ledger.equation import Equation, Inputs
 from shadowjax.ledger.warping.tools import in_double
 
 _FORMATS = {"float16": (jnp.float16, np.float16), "float32": (jnp.float32, np.float32)}
-# Depths of a small map: a plane, a crease, a jump, a spike.
+# Depths of a small map: a plane, creases (one with steps of 1 to 2.01), a jump, a spike, and the farthest in a corner.
 _MAP = (
-    (1.0, 1.2, 1.4, 1.7, 2.0), (1.1, 1.3, 1.5, 1.8, 2.1), (1.2, 1.4, 3.0, 1.9, 2.2), (1.6, 1.8, 2.0, 1.0, 1.3),
-    (2.0, 2.2, 2.4, 1.1, 1.4),
+    (1.0, 1.2, 1.4, 1.7, 3.3), (1.1, 1.3, 1.5, 1.8, 2.1), (1.2, 1.4, 3.0, 1.9, 2.2), (1.6, 1.8, 2.0, 1.0, 1.3),
+    (2.0, 2.2, 2.602, 1.1, 1.4),
 )  # fmt: skip
 
 
@@ -206,7 +206,8 @@ EQUATIONS: tuple[Equation, ...] = (
          _exponential, _exponential_plain,
          ({**_SMALL}, {**_SMALL, "space": "linear", "d": 2.8}, {**_SMALL, "d": 0.9}, {**_SMALL, "d": 3.4},
           {**_SMALL, "fallback": "threshold", "d": 1.5}, {**_SMALL, "fallback": "threshold", "d": 3.15},
-          {**_SMALL, "fallback": "z-max", "d": 2.9}, {**_SMALL, "fallback": "z-max", "d": 3.3},
+          {**_SMALL, "fallback": "z-max", "d": 2.9}, {**_SMALL, "fallback": "z-max", "d": 3.25},
+          {**_SMALL, "fallback": "z-max", "d": 3.6},
           {**_SMALL, "fallback": "threshold", "d": 2.2, "threshold": 0.4})),
     _row("ESM.cmax_checked", "section 2.5.1", "Largest exponent that the filter's check accepts.",
          _largest_accepted, _room,
