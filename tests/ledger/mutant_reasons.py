@@ -70,6 +70,8 @@ REASONS: tuple[tuple[str, str], ...] = (
     (r"multi_depth\._beside: ", "rings of more than one sample lie evenly across columns: their middle column is 0"),
     (r"Ring\.__check_init__", "a check of an argument"),
     (r"LightFrustum\.slack: constant: 0", "gap: views whose lower edge rises by less than 1 % of depth"),
+    (r"optimal\.balanced: constant: 0 → .*safe_sqrt", "a guard of a number that is not negative there"),
+    (r"optimal\.balanced: constant: (0|4) →", "gap: views at which the quadratic's last term or first is near 0"),
     (r"optimal\.balanced: .*lowest = larger", "the lower end of a search, below the root that it brackets"),
     (
         r"half_width: .*low_near",
@@ -83,7 +85,7 @@ REASONS: tuple[tuple[str, str], ...] = (
     ),
     (r"split_rules\.iterate_adaptive: constant: 0 → 0\.01", "whether to clamp at all, for shares from 0 to 1 %"),
     (
-        r"optimal\.storage_minimum: constant: 0 → 0\.01  in  (away|return)",
+        r"optimal\.storage_(minimum|strength): constant: 0 → 0\.01  in  (away|return)",
         "a guard of a number that is not negative, and where two forms of one root change over",
     ),
     (r"split_rules\.adaptive_splits: ends: near → far  in  right_angle", "two numbers of one dtype"),
