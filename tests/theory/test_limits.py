@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from shadowjax.filters.convolution import fourier_step
+from shadowjax.filters.convolution import fourier_test
 from shadowjax.theory import limits
 
 
@@ -49,7 +49,7 @@ def test_gibbs_peaks_are_the_checked_values_and_the_measured_ones():
     for num_terms, value in known.items():
         assert limits.gibbs_peak(num_terms) == pytest.approx(value, rel=1e-14)
         t = jnp.linspace(-1, 1, 20001)
-        assert float(jnp.max(fourier_step(t, num_terms))) == pytest.approx(value, abs=2e-5)
+        assert float(jnp.max(fourier_test(t, num_terms))) == pytest.approx(value, abs=2e-5)
     assert limits.gibbs_peak(None) == pytest.approx(1.0894898722360836, rel=1e-14)
     damped = {4: 0.99259366187659511, 8: 1.0043881075379411, 16: 1.0130117342427576}
     for num_terms, value in damped.items():
@@ -62,7 +62,7 @@ def test_damping_makes_the_step_less_steep():
     for num_terms, value in known.items():
         assert limits.step_slope(num_terms) == 2 * num_terms
         assert limits.step_slope(num_terms, 1.0) == pytest.approx(value, rel=1e-13)
-        slope = jax.grad(lambda t, m=num_terms: fourier_step(t, m, 1.0))(0.0)
+        slope = jax.grad(lambda t, m=num_terms: fourier_test(t, m, 1.0))(0.0)
         assert float(slope) == pytest.approx(value, rel=1e-13)
 
 
@@ -107,7 +107,7 @@ def test_the_smallest_deviation_is_the_measured_one(mean):
 
 def test_bad_numbers_are_named():
     with pytest.raises(ValueError, match="num_terms must be an integer of at least 1; got 0"):
-        fourier_step(0.1, 0)
+        fourier_test(0.1, 0)
     with pytest.raises(ValueError, match="kernel_size must be"):
         limits.largest_exponent(jnp.float32, 1, 0)
     with pytest.raises(ValueError, match="without damping only"):

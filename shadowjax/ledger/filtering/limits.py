@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import integrate, optimize
 
-from shadowjax.filters.convolution import fourier_step
+from shadowjax.filters.convolution import fourier_test
 from shadowjax.ledger.equation import Equation, Inputs
 from shadowjax.ledger.warping.tools import in_double
 from shadowjax.theory import limits
@@ -185,7 +185,7 @@ EQUATIONS: tuple[Equation, ...] = (
     ),
     _limit(
         "fourier_step", "eq. 2.17", "The series of the step in one difference t = z − d, damped or not.",
-        lambda i: fourier_step(i.number("t"), i.integer("M"), i.number("alpha", default=0.0)),
+        lambda i: fourier_test(i.number("t"), i.integer("M"), i.number("alpha", default=0.0)),
         ({"t": 0.3, "M": 8}, {"t": -0.07, "M": 8}, {"t": 0.2, "M": 8, "alpha": 1.5}), independent=_series_integrated,
     ),
     _limit(
