@@ -2,6 +2,7 @@
 
 import os
 import sys
+from importlib import metadata
 from pathlib import Path
 
 HERE = Path(__file__).parent
@@ -10,6 +11,9 @@ sys.path[:0] = [str(HERE / "_ext"), str(HERE.parent)]  # the second for `experim
 # Notebooks run in kernels of their own; keep what they compile between builds.
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(HERE.parent / ".jax_cache"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+# XLA's older code generator compiles in about half the time; see tests/conftest.py.
+if metadata.version("jax").startswith("0.10."):
+    os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
 
 import shadowjax  # noqa: E402
 
