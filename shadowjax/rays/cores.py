@@ -32,8 +32,8 @@ def use_all_cores(num_cores: int | None = None) -> int:
         shown = len(jax.local_devices(backend="cpu"))
         require(
             shown == wanted,
-            f"use_all_cores() came too late: JAX has started with {shown} of {wanted} devices; call it at the start of "
-            "the program, before the first array",
+            f"use_all_cores(num_cores={num_cores}) came too late: JAX has started with {shown} of {wanted} devices; "
+            "call it at the start of the program, before the first array",
         )
     return wanted
 

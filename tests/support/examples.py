@@ -5,6 +5,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -152,6 +153,7 @@ def examples(folder: Path) -> dict[str, tuple[Callable[..., Any], Mapping[str, A
         "build_shadow_map": {"caster": sj.BruteForceCaster(), "mesh": p["mesh"], "grid": p["grid"], "layer": "first"},
         "camera_grid": {"camera": p["camera"], "width": 4, "height": 3},
         "astype": {"tree": p["mesh"], "dtype": jnp.float32},
+        "checked_values": {},
         "compare": {"scene": p["scene"], "techniques": ("hard",), "width": 4, "height": 3, "resolution": 8},
         "load_scene": {
             "source": str(folder / "triangle.obj"), "up": "y", "ground": True, "light": p["light"],
@@ -194,6 +196,7 @@ def examples(folder: Path) -> dict[str, tuple[Callable[..., Any], Mapping[str, A
             "mesh": p["mesh"], "camera": p["camera"], "width": 4, "height": 3, "caster": sj.BruteForceCaster(),
             "smooth_groups": None, "samples_per_axis": 1,
         },
+        "use_all_cores": {"num_cores": len(jax.local_devices(backend="cpu"))},
         "visibility_on": {"surface": p["surface"], "shadows": p["shadows"]},
         "shadows.visibility": seen,
     }  # fmt: skip
