@@ -74,11 +74,17 @@ def test_a_receiver_that_faces_away_is_warned_of():
     shadow_picture(MESH, edges, lights[0], view, receiver=receiver)
     with pytest.warns(SceneWarning, match="no surface that the view may see faces the light"):
         shadow_picture(MESH, edges, lights[1], view, receiver=receiver)
-    with pytest.warns(SceneWarning, match="no surface that the view may see faces the light"):
-        jax.grad(lambda shift: shadow_picture(moved(shift), edges, lights[1], view, receiver=receiver).sum())(0.0)
+
+
+@pytest.mark.long
+def test_faces_turned_away_are_warned_of_under_grad_and_without_a_receiver():
+    edges, away = mesh_edges(MESH), DirectionalLight.create(TOWARDS)
+    view = camera_grid(CAMERA, 6, 6)
     # The mesh itself is seen from above: the sun below lights no side that shows.
     with pytest.warns(SceneWarning, match="turn the receiver round"):
-        shadow_picture(MESH, edges, away, camera_grid(CAMERA, 6, 6))
+        shadow_picture(MESH, edges, away, view)
+    with pytest.warns(SceneWarning, match="turn the receiver round"):
+        jax.grad(lambda shift: shadow_picture(moved(shift), edges, away, view).sum())(0.0)
 
 
 def test_a_map_that_sees_nothing_is_warned_of():
