@@ -91,7 +91,7 @@ def _lit_share(inputs: Inputs) -> float:
 def _lit_share_measured(inputs: Inputs) -> float:
     """The package's test of every occluder."""
     weights, depths = (jnp.asarray(part, default_dtype()) for part in occluders(inputs))
-    return float(jnp.sum(weights * is_lit(depths, jnp.asarray(inputs.number("d"), default_dtype()))))
+    return float(jnp.sum(jnp.where(is_lit(depths, jnp.asarray(inputs.number("d"), default_dtype())), weights, 0)))
 
 
 def _bilinear(inputs: Inputs) -> float:

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from shadowjax._types import ScalarLike
 from shadowjax.ledger import brute
 from shadowjax.ledger.inputs import Inputs
 from shadowjax.ledger.warping.tools import derived_errors, derived_max, equal_errors, equation, frustum, number, root
@@ -91,7 +92,7 @@ def _stationary_storage_bisected(i: Inputs) -> list[float]:
 
 
 @functools.partial(jax.jit, static_argnames="section")
-def _larger_error(view: LightFrustum, ratio_x: float, ratio_z: float, section: Section):
+def _larger_error(view: LightFrustum, ratio_x: ScalarLike, ratio_z: ScalarLike, section: Section):
     """At the best n'. Compiled once for a section: plain calls compile their bisection each time."""
     q = balanced(view, ratio_x, ratio_z, section)
     return jnp.maximum(max_error_x(view, q, section, ratio_x), max_error_z(view, q, section, ratio_z))
