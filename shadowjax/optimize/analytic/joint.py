@@ -301,6 +301,10 @@ def _settled(v: np.ndarray, *args: Any) -> _Point:
         rest, slopes = condition_and_slope(
             jnp.asarray(z, dtype), *args[:2], jnp.asarray(v, dtype), jnp.asarray(trial.holds), jnp.asarray(fixed), kind
         )
+        if not (np.isfinite(rest).all() and np.isfinite(slopes).all()):
+            # Newton has left for where the storage overflows: the search's own end stands.
+            z = np.full_like(z, np.nan)
+            break
         # Least squares instead of a solve: with redundant active constraints the multipliers are not unique.
         z = z - np.linalg.lstsq(np.asarray(slopes, np.float64), np.asarray(rest, np.float64))[0]
     new, value, _ = _exact(z[:num], args) if np.isfinite(z).all() else (v, math.inf, 0.0)
