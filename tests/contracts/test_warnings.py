@@ -80,6 +80,12 @@ def test_a_receiver_that_faces_away_is_warned_of():
 def test_faces_turned_away_are_warned_of_under_grad_and_without_a_receiver():
     edges, away = mesh_edges(MESH), DirectionalLight.create(TOWARDS)
     view = camera_grid(CAMERA, 6, 6)
+    axes, size = jnp.asarray([[1.0, 0, 0], [0, 0, 1.0]]), jnp.asarray([2.0, 2.0])
+    receiver, plane = plane_receiver(jnp.asarray([0.0, -1, 0]), *axes, -size, size, (6, 6))
+    # A plane that faces up, or one that faces down: whichever the light does not reach.
+    dark = away if float(receiver.mesh.face_normals()[0, 1]) > 0 else DirectionalLight.create(towards=TOWARDS)
+    with pytest.warns(SceneWarning, match="no surface that the view may see faces the light"):
+        jax.grad(lambda shift: shadow_picture(moved(shift), edges, dark, plane, receiver=receiver).sum())(0.0)
     # The mesh itself is seen from above: the sun below lights no side that shows.
     with pytest.warns(SceneWarning, match="turn the receiver round"):
         shadow_picture(MESH, edges, away, view)
